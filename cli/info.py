@@ -1,0 +1,145 @@
+"""``tspline info``: what is in a model, image or point file."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from cli.arguments import CommandParser, UsageError
+from cli.batch import DONE, Outcome, run_batch
+from cli.inputs import Input, expand
+from cli.outputs import Target
+from cli.reporter import Reporter
+
+__all__ = ["build_parser", "run"]
+
+KEYS = ("kind", "num_coefficients", "components")
+
+
+def build_parser() -> CommandParser:
+    """Make the parser of ``tspline info``."""
+    parser = CommandParser(prog="tspline info", description="Tell what is in models, images and files of points.")
+    parser.add_argument("inputs", nargs="*", metavar="FILE", help="a .tsp.npz model, an image, or a file of points")
+    parser.add_argument("--json", action="store_true", help="print one JSON object a line for each file")
+    parser.add_argument("-v", "--verbose", action="store_true", help="show where an internal error came from")
+    return parser
+
+
+def run(options: argparse.Namespace) -> int:
+    """Describe the files; gives the exit status."""
+    if not options.inputs:
+        raise UsageError("found no FILE; accepted is a .tsp.npz model, an image or a file of points")
+    inputs = expand(options.inputs)
+    if any(item.is_stdin for item in inputs):
+        raise UsageError("-: standard input has no name to tell its kind; accepted is a file")
+    reporter = Reporter("info", json=options.json)
+    return run_batch(inputs, [{} for _ in inputs], _describe, reporter, keys=KEYS, verbose=options.verbose)
+
+
+def _describe(item: Input, targets: Mapping[str, Target]) -> Outcome:
+    """Read one file, and tell its kind by its ending."""
+    del targets  # nothing is written
+    from recon.point_file import POINT_ENDINGS
+    from segment.image_file import IMAGE_ENDINGS
+    from tspline.errors import FileFormatError
+
+    name, ending = item.path.lower(), Path(item.path).suffix.lower()
+    if name.endswith(".tsp.npz") or (ending == ".npz" and _is_model(item.path)):
+        return _model(item)
+    if ending == ".npy":
+        return _array(item)
+    if ending in POINT_ENDINGS:
+        return _points(item)
+    if ending in IMAGE_ENDINGS:
+        return _image(item)
+    accepted = " ".join((".tsp.npz", *POINT_ENDINGS, *(e for e in IMAGE_ENDINGS if e not in POINT_ENDINGS)))
+    raise FileFormatError(item.path, f"the ending {ending!r}" if ending else "no ending", accepted)
+
+
+def _is_model(path: str) -> bool:
+    """Whether an .npz file is a model and not an archive with points."""
+    from tspline.array_file import npz_names
+
+    with Path(path).open("rb") as stream:
+        names = npz_names(stream, path)
+    return "points" not in names and len(names) > 1
+
+
+def _model(item: Input) -> Outcome:
+    import tspline
+
+    spline = tspline.load(item.path)
+    low, high = ([float(value) for value in corner] for corner in spline.bounds)
+    components = len(spline.to_polylines()) if spline.dim == 2 else None
+    values: dict[str, Any] = {
+        "kind": "model",
+        "num_coefficients": int(spline.num_coefficients),
+        "components": components,
+        "dim": int(spline.dim),
+        "num_cells": int(spline.mesh.num_cells),
+        "depth": int(spline.mesh.depth),
+        "bounds": [low, high],
+        "metadata": {str(key): _told(value) for key, value in spline.metadata.items()},
+    }
+    lines = [
+        f"{item.label}: {spline.dim}D T-spline level set",
+        f"  coefficients  {spline.num_coefficients:,}",
+        f"  cells         {spline.mesh.num_cells:,}, depth {spline.mesh.depth}",
+        f"  domain        {_corner(low)} to {_corner(high)}",
+    ]
+    if components is not None:
+        lines.append(f"  curves        {components}")
+    lines += [f"  {key:<13} {value}" for key, value in values["metadata"].items()]
+    return Outcome(DONE, "", values, "\n".join(lines))
+
+
+def _told(value: object) -> str:
+    """A value of the metadata; no more digits than a reader wants."""
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _array(item: Input) -> Outcome:
+    """Tell whether a .npy file holds points or an image: points have two or three columns."""
+    from recon.point_file import read_points
+    from tspline.errors import FileFormatError
+
+    try:
+        read_points(item.path)
+    except FileFormatError:
+        return _image(item)
+    return _points(item)
+
+
+def _points(item: Input) -> Outcome:
+    from recon.point_file import read_points
+
+    points = read_points(item.path)
+    low, high = points.min(axis=0).tolist(), points.max(axis=0).tolist()
+    values = {"kind": "points", "num_points": len(points), "dim": points.shape[1], "bounds": [low, high]}
+    text = f"{item.label}: {len(points):,} points in {points.shape[1]}D, {_corner(low)} to {_corner(high)}"
+    return Outcome(DONE, "", values, text)
+
+
+def _image(item: Input) -> Outcome:
+    from segment.image_file import read_image
+
+    image = read_image(item.path)
+    channels = image.shape[2] if image.ndim == 3 else 1
+    low, high = image.min().item(), image.max().item()
+    values = {
+        "kind": "image",
+        "shape": list(image.shape[:2]),
+        "channels": channels,
+        "dtype": str(image.dtype),
+        "range": [low, high],
+    }
+    colour = "grey" if channels == 1 else "colour"
+    rows, cols = image.shape[:2]
+    text = f"{item.label}: {colour} image, {rows} × {cols} pixels, {image.dtype}, values {low} to {high}"
+    return Outcome(DONE, "", values, text)
+
+
+def _corner(values: list[float]) -> str:
+    return "(" + ", ".join(f"{value:.6g}" for value in values) + ")"

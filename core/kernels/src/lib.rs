@@ -1,0 +1,29 @@
+//! Kernels of the T-spline level-set toolkit: no Python, no files, no clocks.
+//!
+//! Everything lives in the unit box `[0, 1]^D`. Tree coordinates are integers in units of `2^-20`, so that cell
+//! sides, knots and their comparisons are exact. Results have the same bits for any number of threads: work is cut
+//! into fixed chunks and reductions run over them in order.
+
+pub mod assembly;
+pub mod bspline;
+pub mod bulk;
+pub mod cholesky;
+pub mod contour;
+pub mod dense;
+pub mod dissection;
+pub mod element;
+pub mod error;
+pub mod evaluate;
+pub mod gauss;
+pub mod mesh;
+pub mod pattern;
+pub mod polynomial;
+pub mod project;
+pub mod refine;
+pub mod sign;
+pub mod system;
+pub mod tree;
+
+pub use error::{KernelError, Result};
+pub use mesh::TMesh;
+pub use system::{Equations, Rates, System};

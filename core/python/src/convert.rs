@@ -1,0 +1,50 @@
+//! The one place where arrays and errors cross the border.
+
+use numpy::{PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::exceptions::{PyMemoryError, PyRuntimeError, PyValueError};
+use pyo3::prelude::*;
+use tspline_kernels::KernelError;
+
+pub type Points<'py> = PyReadonlyArray2<'py, f64>;
+pub type Values<'py> = PyReadonlyArray1<'py, f64>;
+
+/// A kernel error as the Python exception of its kind.
+pub fn raise(error: KernelError) -> PyErr {
+    match error {
+        KernelError::Invalid(text) => PyValueError::new_err(text),
+        KernelError::TooLarge(text) => PyMemoryError::new_err(text),
+        KernelError::NotSolved(text) => PyRuntimeError::new_err(text),
+    }
+}
+
+/// Run a kernel without the GIL; its error becomes an exception, a pending Ctrl-C is raised after it.
+pub fn run<T: Send>(
+    py: Python<'_>,
+    kernel: impl Send + FnOnce() -> tspline_kernels::Result<T>,
+) -> PyResult<T> {
+    let result = py.detach(kernel).map_err(raise);
+    py.check_signals()?;
+    result
+}
+
+/// Contiguous values.
+pub fn values<'a>(array: &'a Values<'_>, name: &str) -> PyResult<&'a [f64]> {
+    array
+        .as_slice()
+        .map_err(|_| PyValueError::new_err(format!("{name} must be C-contiguous")))
+}
+
+/// Contiguous points with D columns.
+pub fn points<'a, const D: usize>(array: &'a Points<'_>, name: &str) -> PyResult<&'a [[f64; D]]> {
+    if array.as_array().ncols() != D {
+        return Err(PyValueError::new_err(format!(
+            "{name} must have {D} columns, found {}",
+            array.as_array().ncols()
+        )));
+    }
+    let flat = array
+        .as_slice()
+        .map_err(|_| PyValueError::new_err(format!("{name} must be C-contiguous")))?;
+    // Whole rows only: the array has D columns.
+    Ok(bytemuck::cast_slice(flat))
+}

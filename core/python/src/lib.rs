@@ -1,0 +1,19 @@
+//! Python bindings: arrays in, arrays out, nothing else.
+
+// Arguments arrive from Python by value.
+#![allow(clippy::needless_pass_by_value)]
+
+mod convert;
+mod mesh;
+mod system;
+
+use pyo3::prelude::*;
+
+/// Compiled kernels of the T-spline level-set toolkit; everything lives in the unit box.
+#[pymodule]
+mod _core {
+    #[pymodule_export]
+    use super::mesh::TMesh;
+    #[pymodule_export]
+    use super::system::System;
+}

@@ -1,0 +1,69 @@
+"""Result of a segmentation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from dataclasses import field as dataclass_field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tspline import TSpline
+from tspline.evolve import StepRecord
+
+__all__ = ["SegmentResult"]
+
+
+@dataclass(frozen=True)
+class SegmentResult:
+    """Objects of an image, in the manner of scipy's OptimizeResult.
+
+    Attributes
+    ----------
+    mask : ndarray of bool, shape (rows, cols)
+        f < 0 at the pixel centres.
+    labels : ndarray of int32, shape (rows, cols)
+        Connected objects from 1, 0 outside (pixels that touch at corners hang together).
+    contours : list of ndarray, shape (m, 2)
+        Closed lines (row, col) on the spline's zero set, sub-pixel, without a repeated end. Integers are pixel centres.
+    contour_flags : list of ndarray of bool, shape (m,)
+        True where a contour runs along the image's border because the object is cut by it.
+    contour_uncertainty : list of ndarray, shape (m,)
+        Standard deviation of the contour's position that the image noise causes, pixels; infinite where no edge was
+        found.
+    spline : TSpline
+        The level set, f < 0 inside, array-axis order: origin + spacing * index.
+    success : bool
+        Whether the contour came to rest on something.
+    status : int
+        0 converged, 1 step limit reached, 2 nothing found, 3 stopped by the callback.
+    message : str
+        The same in words.
+    nit : int
+        Steps taken.
+    history : list of StepRecord
+        One record a step; lengths in pixels.
+    num_components : int
+        Connected objects.
+    warnings : list of str
+        What a user should know.
+    """
+
+    mask: NDArray[np.bool_]
+    labels: NDArray[np.int32]
+    contours: list[NDArray[np.float64]]
+    contour_flags: list[NDArray[np.bool_]]
+    contour_uncertainty: list[NDArray[np.float64]]
+    spline: TSpline
+    success: bool
+    status: int
+    message: str
+    nit: int
+    history: list[StepRecord]
+    num_components: int
+    warnings: list[str] = dataclass_field(default_factory=list)
+
+    @property
+    def field(self) -> TSpline:
+        """The level set, whichever solver made it; here the spline."""
+        return self.spline

@@ -1,0 +1,1 @@
+"""Slow transcriptions of the definitions, which check the compiled core."""

@@ -1,0 +1,5 @@
+"""Distances to given shapes."""
+
+from tspline.distance.polyline import PolylineDistance
+
+__all__ = ["PolylineDistance"]

@@ -1,0 +1,72 @@
+"""Colours, lines and lettering of all figures, in one place; nothing global is changed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import Colormap, LinearSegmentedColormap
+from matplotlib.figure import Figure
+
+__all__ = ["EVOLUTION", "INK", "bare_axes", "caption", "new_figure"]
+
+PAPER = "#ffffff"
+INK = "#1d2733"
+"""Letters."""
+MUTED = "#66717e"
+"""Second line of captions, frames."""
+MESH = "#8fa3b8"
+"""T-mesh over white."""
+MESH_ON_IMAGE = "#9fd0f5"
+"""T-mesh over an image."""
+DATA = "#2f3b47"
+"""Data points."""
+DATA_FAINT = "#a9b3bd"
+"""Data points behind curves."""
+INITIAL = "#1f6fb4"
+"""The initial level set."""
+RESULT = "#d1361b"
+"""The final level set."""
+HALO = "#ffffff"
+"""Around curves over images."""
+
+CURVE_WIDTH = 1.5
+THIN_WIDTH = 0.9
+MESH_WIDTH = 0.35
+FONT = "DejaVu Sans"
+
+EVOLUTION: Colormap = LinearSegmentedColormap.from_list("evolution", ["#1f6fb4", "#6a5acd", "#c2528b", RESULT])
+"""From the initial level set's colour to that of the result; equal lightness, so that each line reads on
+white and, with a halo, on images."""
+
+
+def new_figure(width: float, height: float, dpi: float = 150.0) -> Figure:
+    """Make a figure of `width` by `height` inches with its own Agg canvas, outside pyplot."""
+    figure = Figure(figsize=(width, height), dpi=dpi, facecolor=PAPER, edgecolor=PAPER)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def bare_axes(axes: Axes, *, frame: bool) -> None:
+    """Take ticks away, and draw a thin frame or none."""
+    axes.set_facecolor(PAPER)
+    axes.set_aspect("equal", adjustable="box")
+    axes.set_xticks([])
+    axes.set_yticks([])
+    for spine in axes.spines.values():
+        spine.set_visible(frame)
+        spine.set_linewidth(0.6)
+        spine.set_color("#c3ccd5")
+
+
+def caption(axes: Axes, letter: str, title: str, detail: str) -> None:
+    """Write a panel's title, and what was counted or measured, above it."""
+    lettering: dict[str, Any] = {
+        "xycoords": "axes fraction",
+        "textcoords": "offset points",
+        "annotation_clip": False,
+    }
+    head = f"({letter})  {title}" if letter else title
+    axes.annotate(head, (0, 1), (0, 17), color=INK, fontsize=9, fontweight="bold", fontfamily=FONT, **lettering)
+    axes.annotate(detail, (0, 1), (0, 5), color=MUTED, fontsize=7.5, fontfamily=FONT, **lettering)

@@ -38,9 +38,9 @@ MESSAGES = {
 
 #: Side of the first cells, in pixels of the coarsest level.
 COARSE_CELL = 8.0
-#: Motion of the fastest point in a step of a shrinking contour, pixels of the coarsest level: a wall of g < 1/2 is
-#: about five pixels thick, and longer steps would jump over it.
-STEP = 2.0
+#: How many times faster the contour moves while it is far from all edges: steps of about a cell. Near edges it moves a
+#: level pixel a step, as a wall of g < 1/2 is about five pixels thick and must not be jumped over.
+HASTE = 6.0
 #: Speed of the shrinking contour where there is no edge, pixels of the coarsest level per unit time.
 BALLOON = -1.0
 #: A curve of whose points less than half have g below this lies on no edge.
@@ -207,9 +207,9 @@ class _Run:
         self._tell(spline)
         if self.status == 3:
             return
-        speed = EdgeSpeed(edges, BALLOON)
+        speed = EdgeSpeed(edges, BALLOON, haste=HASTE)
         rule = StoppingRule(max_steps=250, tolerance=0.02)
-        travel = STEP * self.scale / mesh.finest
+        travel = HASTE * self.scale / mesh.finest
         evolution = Evolution(spline, speed, EvolveOptions(max_travel=travel, max_time_step=MAX_TIME_STEP), rule)
         result = evolution.run(self._told, 0)
         self.history.extend(result.history)

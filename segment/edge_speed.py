@@ -29,11 +29,11 @@ class EdgeSpeed:
         -gamma: positive inflates, negative shrinks, 0 leaves flat regions alone. Level pixels per unit time.
     stiffness : float
         eps, weight of curvature, in level pixels squared per unit time.
+    attraction : float
+        a, weight of the attraction to edges; 3 makes it as fast as a balloon of 1 on an edge of one pixel's blur.
     haste : float
         Far from all edges the whole contour moves up to this many times faster: half the distance from its nearest
         point to an edge at a time. Where it rests is not changed; 1 is (4.6) as it stands.
-    attraction : float
-        a, weight of the attraction to edges; 3 makes it as fast as a balloon of 1 on an edge of one pixel's blur.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-# make demo    segment an image and fit a point cloud, pictures in demo-out/
+# make demo    segment an image, fit points in the plane and in space, pictures in demo-out/
 # make test    everything that is checked before a change goes in
 #
 # Both keep to one virtual environment, .venv, made from $(PYTHON) and renewed only when pyproject.toml, a Cargo file
@@ -41,7 +41,8 @@ pictures: demo
 	$(RUN) -c 'from PIL import Image; import sys; \
 	    [Image.open(a).convert("RGB").quantize(128, dither=0).save(b, optimize=True) \
 	     for a, b in zip(sys.argv[1::2], sys.argv[2::2])]' \
-	    demo-out/coins_figure.png docs/images/demo.png demo-out/ampersand_figure.png docs/images/demo_points.png
+	    demo-out/coins_figure.png docs/images/demo.png demo-out/ampersand_figure.png docs/images/demo_points.png \
+	    demo-out/knot_figure.png docs/images/demo_surface.png
 
 test: lint types cargo-test python-test
 
@@ -73,7 +74,7 @@ wheel: $(VENV)/installed
 
 bench: $(VENV)/installed
 	$(PIP) install --quiet --no-build-isolation --editable '.[benchmarks]'
-	for script in kernels curves paper_examples images scaling; do \
+	for script in kernels curves paper_examples images scaling surfaces; do \
 	    $(RUN) benchmarks/$$script.py || exit 1; done
 
 install: $(VENV)/installed

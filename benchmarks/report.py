@@ -15,7 +15,7 @@ from importlib import metadata
 from typing import Any, TypeVar
 
 T = TypeVar("T")
-PACKAGES = ("numpy", "scipy", "scikit-image", "SimpleITK", "tspline")
+PACKAGES = ("numpy", "scipy", "scikit-image", "SimpleITK", "open3d", "pypoisson2", "tspline")
 
 
 def parser(description: str | None) -> argparse.ArgumentParser:

@@ -1,4 +1,4 @@
-"""``tspline demo``: segments a real image and fits points; needs no input."""
+"""``tspline demo``: segments a real image, fits points in the plane and in space; needs no input."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cli.arguments import CommandParser, UsageError
 from cli.main import COMMANDS
 from cli.reporter import Reporter
 
-__all__ = ["build_parser", "glyph_points", "run"]
+__all__ = ["build_parser", "glyph_points", "knot_points", "run"]
 
 DEFAULT_FOLDER = "demo-out"
 SEED = 2005
@@ -31,27 +31,31 @@ def build_parser() -> CommandParser:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Write the inputs, and run the two commands on them; gives the exit status."""
+    """Write the inputs, and run the commands on them; gives the exit status."""
     from cli import fit, segment
 
     folder = Path(options.out) if options.out else _free_folder()
     _make(folder)
-    image, points = folder / "coins.png", folder / "ampersand.csv"
-    _write_inputs(image, points, force=options.force)
+    image, points, scan = (folder / name for name in ("coins.png", "ampersand.csv", "knot.xyz"))
+    _write_inputs(image, points, scan, force=options.force)
     reporter = Reporter("demo", quiet=options.quiet)
     reporter.say("Segmenting scikit-image's picture of Greek coins:")
     flags = [flag for flag in ("force", "quiet", "verbose") if getattr(options, flag)]
     words = [f"--{flag}" for flag in flags]
-    outputs = _names(folder, "coins", mask="_mask.png", labels="_labels.tif", contour=".svg", **_COMMON)
+    outputs = _names(folder, "coins", mask="_mask.png", labels="_labels.tif", contour=".svg", **_COMMON, **_MOVING)
     first = segment.run(segment.build_parser().parse_intermixed_args([str(image), *outputs, *words]))
     reporter.say("Fitting 1,500 noisy points of a letter's outline:")
-    outputs = _names(folder, "ampersand", contour=".svg", **_COMMON)
+    outputs = _names(folder, "ampersand", contour=".svg", **_COMMON, **_MOVING)
     second = fit.run(fit.build_parser().parse_intermixed_args([str(points), *outputs, *words]))
-    statuses = {first, second}
+    reporter.say("Fitting 5,000 noisy points of a knotted tube, without normals:")
+    outputs = _names(folder, "knot", mesh=".ply", **_COMMON)
+    third = fit.run(fit.build_parser().parse_intermixed_args([str(scan), *outputs, *words]))
+    statuses = {first, second, third}
     return next((status for status in (1, 2, 3) if status in statuses), 0)
 
 
-_COMMON = {"model": ".tsp.npz", "figure": "_figure.png", "animation": ".gif"}
+_COMMON = {"model": ".tsp.npz", "figure": "_figure.png"}
+_MOVING = {"animation": ".gif"}
 
 
 def _names(folder: Path, stem: str, **endings: str) -> list[str]:
@@ -75,21 +79,23 @@ def _make(folder: Path) -> None:
         raise UsageError(f"--out {folder}: {error.strerror}; accepted is a folder that can be made") from None
 
 
-def _write_inputs(image: Path, points: Path, *, force: bool) -> None:
-    """Write the two inputs, so that the commands can be tried on them by hand."""
+def _write_inputs(image: Path, points: Path, scan: Path, *, force: bool) -> None:
+    """Write the inputs, so that the commands can be tried on them by hand."""
     import numpy as np
     import skimage.data
     from PIL import Image
 
     from tspline.atomic import complete_or_absent
 
-    for path in (image, points):
+    for path in (image, points, scan):
         if path.exists() and not force:
             raise UsageError(f"{path}: exists; accepted is another folder, or --force to replace it")
     with complete_or_absent(image, force=force) as temporary:
         Image.fromarray(np.asarray(skimage.data.coins())).save(temporary, format="PNG")
     with complete_or_absent(points, force=force) as temporary:
         np.savetxt(temporary, glyph_points(), fmt="%.6f", delimiter=",", header="x,y", comments="")
+    with complete_or_absent(scan, force=force) as temporary:
+        np.savetxt(temporary, knot_points(), fmt="%.5f")
 
 
 def glyph_points(character: str = "&", count: int = 1500, noise: float = 0.004) -> Any:
@@ -126,3 +132,41 @@ def glyph_points(character: str = "&", count: int = 1500, noise: float = 0.004) 
     share = 1.0 - (ends[edge] - along) / np.maximum(lengths[edge], 1e-12)
     points = starts[edge] + share[:, None] * chords[edge] + rng.normal(0.0, noise, (count, 2))
     return rng.permutation(points)
+
+
+def knot_points(count: int = 5000, noise: float = 0.02, radius: float = 0.5) -> Any:
+    """Sample a tube around a trefoil knot evenly by area, with Gaussian noise across the surface.
+
+    Parameters
+    ----------
+    count : int
+        Number of points.
+    noise : float
+        Standard deviation, in units of a knot 6 wide.
+    radius : float
+        Of the tube; strands of the knot are 1.2 apart.
+
+    Returns
+    -------
+    (count, 3) float array
+        x, y, z in random order.
+    """
+    import numpy as np
+
+    rng = np.random.default_rng(SEED)
+    # The tube is longest on the outside of the knot's bends: places are kept in proportion to the area there.
+    tries = 4 * count
+    t, turn = rng.uniform(0.0, 2.0 * np.pi, (2, tries))
+    middle = np.stack([np.sin(t) + 2 * np.sin(2 * t), np.cos(t) - 2 * np.cos(2 * t), -np.sin(3 * t)], axis=1)
+    first = np.stack([np.cos(t) + 4 * np.cos(2 * t), 4 * np.sin(2 * t) - np.sin(t), -3 * np.cos(3 * t)], axis=1)
+    second = np.stack([-np.sin(t) - 8 * np.sin(2 * t), 8 * np.cos(2 * t) - np.cos(t), 9 * np.sin(3 * t)], axis=1)
+    speed = np.linalg.norm(first, axis=1, keepdims=True)
+    along = first / speed
+    bend = second - np.sum(second * along, axis=1, keepdims=True) * along
+    size = np.linalg.norm(bend, axis=1, keepdims=True)
+    inward = bend / size
+    across = np.cos(turn)[:, None] * inward + np.sin(turn)[:, None] * np.cross(along, inward)
+    area = (speed - radius * size / speed * np.cos(turn)[:, None])[:, 0]
+    kept = np.flatnonzero(rng.uniform(0.0, area.max(), tries) < area)[:count]
+    points = middle + (radius + rng.normal(0.0, noise, (tries, 1))) * across
+    return points[kept]

@@ -1,4 +1,4 @@
-"""``tspline info``: what is in a model, image or point file."""
+"""``tspline info``: what is in a model, image, mesh or point file."""
 
 from __future__ import annotations
 
@@ -20,8 +20,12 @@ KEYS = ("kind", "num_coefficients", "components")
 
 def build_parser() -> CommandParser:
     """Make the parser of ``tspline info``."""
-    parser = CommandParser(prog="tspline info", description="Tell what is in models, images and files of points.")
-    parser.add_argument("inputs", nargs="*", metavar="FILE", help="a .tsp.npz model, an image, or a file of points")
+    parser = CommandParser(
+        prog="tspline info", description="Tell what is in models, images, meshes and files of points."
+    )
+    parser.add_argument(
+        "inputs", nargs="*", metavar="FILE", help="a .tsp.npz model, an image, a mesh, or a file of points"
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object a line for each file")
     parser.add_argument("-v", "--verbose", action="store_true", help="show where an internal error came from")
     return parser
@@ -30,7 +34,7 @@ def build_parser() -> CommandParser:
 def run(options: argparse.Namespace) -> int:
     """Describe the files; gives the exit status."""
     if not options.inputs:
-        raise UsageError("found no FILE; accepted is a .tsp.npz model, an image or a file of points")
+        raise UsageError("found no FILE; accepted is a .tsp.npz model, an image, a mesh or a file of points")
     inputs = expand(options.inputs)
     if any(item.is_stdin for item in inputs):
         raise UsageError("-: standard input has no name to tell its kind; accepted is a file")
@@ -41,6 +45,7 @@ def run(options: argparse.Namespace) -> int:
 def _describe(item: Input, targets: Mapping[str, Target]) -> Outcome:
     """Read one file, and tell its kind by its ending."""
     del targets  # nothing is written
+    from cli.mesh_summary import MESH_ENDINGS, describe_mesh, has_faces
     from recon.point_file import POINT_ENDINGS
     from segment.image_file import IMAGE_ENDINGS
     from tspline.errors import FileFormatError
@@ -50,11 +55,15 @@ def _describe(item: Input, targets: Mapping[str, Target]) -> Outcome:
         return _model(item)
     if ending == ".npy":
         return _array(item)
+    if ending in MESH_ENDINGS or (ending in (".ply", ".obj") and has_faces(item.path)):
+        return describe_mesh(item)
     if ending in POINT_ENDINGS:
         return _points(item)
     if ending in IMAGE_ENDINGS:
         return _image(item)
-    accepted = " ".join((".tsp.npz", *POINT_ENDINGS, *(e for e in IMAGE_ENDINGS if e not in POINT_ENDINGS)))
+    accepted = " ".join(
+        (".tsp.npz", *POINT_ENDINGS, *MESH_ENDINGS, *(e for e in IMAGE_ENDINGS if e not in POINT_ENDINGS))
+    )
     raise FileFormatError(item.path, f"the ending {ending!r}" if ending else "no ending", accepted)
 
 
@@ -113,12 +122,22 @@ def _array(item: Input) -> Outcome:
 
 
 def _points(item: Input) -> Outcome:
-    from recon.point_file import read_points
+    from recon.point_file import read_scan
 
-    points = read_points(item.path)
+    scan = read_scan(item.path)
+    points, normals = scan.points, scan.normals is not None
     low, high = points.min(axis=0).tolist(), points.max(axis=0).tolist()
-    values = {"kind": "points", "num_points": len(points), "dim": points.shape[1], "bounds": [low, high]}
-    text = f"{item.label}: {len(points):,} points in {points.shape[1]}D, {_corner(low)} to {_corner(high)}"
+    values = {
+        "kind": "points",
+        "num_points": len(points),
+        "dim": points.shape[1],
+        "normals": normals,
+        "bounds": [low, high],
+    }
+    text = (
+        f"{item.label}: {len(points):,} points in {points.shape[1]}D{' with normals' if normals else ''}, "
+        f"{_corner(low)} to {_corner(high)}"
+    )
     return Outcome(DONE, "", values, text)
 
 

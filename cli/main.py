@@ -19,8 +19,8 @@ __all__ = ["COMMANDS", "main"]
 
 COMMANDS = {
     "segment": "contours, masks and labels from images",
-    "fit": "an implicit curve from unordered points",
-    "info": "what is in a model, image or point file",
+    "fit": "an implicit curve or surface from unordered points",
+    "info": "what is in a model, image, mesh or point file",
     "demo": "segments an image and fits points; needs no input",
 }
 """Each subcommand with its line of help; `cli.<name>` has `build_parser` and `run`."""

@@ -60,7 +60,7 @@ class CloudScale:
         number = min(NEIGHBOURS[dim], max(dim, (count - 1) // 4))
         while True:
             distance, index = tree.query(probes, k=number + 1)
-            noise = _noise(points[index])
+            noise = patch_noise(points[index])
             # Random noise wider than the patch makes a round blob of it: take a longer one.
             longer = min(2 * number, LARGEST_PATCH, count // PATCHES)
             if longer <= number or ELONGATION * noise < np.median(distance[:, -1]):
@@ -79,7 +79,7 @@ def _local_spacing(radius: NDArray[np.float64], number: int, dim: int) -> NDArra
     return np.asarray(radius * np.sqrt(np.pi / number))
 
 
-def _noise(patches: NDArray[np.float64]) -> float:
+def patch_noise(patches: NDArray[np.float64]) -> float:
     """Median over (p, k, d) patches of the standard deviation from a parabola in the patch's own frame."""
     _, size, dim = patches.shape
     terms = 3 if dim == 2 else 6

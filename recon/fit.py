@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 from recon.planar import PlanarFit, PlanarSettings
 from recon.point_cloud import PointCloud
 from recon.result import FitResult
+from recon.spatial import SpatialFit, SpatialSettings
+from recon.sphere import SphereStart
 from tspline import TSpline
+from tspline.contour import components, euler_number, triangulate
 from tspline.errors import InvalidArgumentError, require
-from tspline.evolve import EvolutionStep
+from tspline.evolve import EvolutionStep, StepRecord
 
 __all__ = ["fit_points"]
 
@@ -38,26 +42,28 @@ def fit_points(
     callback: Callable[[EvolutionStep], object] | None = None,
     rng: Any = None,
 ) -> FitResult:
-    """Closed curves through planar points, without normals.
+    """Closed curves through planar points, closed surfaces through points in space, without normals.
 
     Parameters
     ----------
-    points : array_like, shape (n, 2)
-        Points in any order, at least three that do not lie on one line; duplicates add up their weights.
-    normals : array_like, shape (n, 2), optional
-        Checked, but planar fits do without them.
+    points : array_like, shape (n, 2) or (n, 3)
+        Points in any order, at least d + 1 that do not lie on one line (plane); duplicates add up their weights.
+    normals : array_like, shape (n, d), optional
+        Outward normals of any length. Surfaces use them (all are turned round when most point inward); curves do
+        without them.
     weights : array_like, shape (n,), optional
         Weights >= 0, ones by default.
     tolerance : float, optional
         Residual, caller's units, at which cells are no longer split; by default what noise and spacing allow.
     max_depth : int, optional
-        Deepest level of the T-mesh: cells have side `size / 2**level`.
+        Deepest level of the T-mesh: cells have side `size / 2**level`. At least 2, for surfaces 5.
     gap : float, optional
         Widest gap that the data may have, caller's units; by default about eight mean spacings, what random samples
         need. Used by the evolution from a circle or a field.
-    init : "auto", "circle", TSpline or callable
-        Start: the two-coloured chambers of the data, a circle around all points, or a field (f < 0 inside) in the
-        caller's coordinates.
+    init : "auto", "circle", "sphere", TSpline or callable
+        Start. "auto": the two-coloured chambers of planar data, the sides of the Delaunay tetrahedra of surface data.
+        "circle" (plane), "sphere" (space): evolution by (4.8) from around all points. Or evolution from a field (f < 0
+        inside) in the caller's coordinates.
     parametric : bool
         Not part of this release; must be False.
     solver : "tspline"
@@ -86,9 +92,9 @@ def fit_points(
     require(callback is None or callable(callback), "callback", repr(callback), "a callable or None")
     require(not parametric, "parametric", parametric, "False: parametric curves are not part of this release")
     cloud = PointCloud.from_array(points, weights, normals)
-    if cloud.dim != 2:
-        raise InvalidArgumentError("points", f"{cloud.dim} columns", "2 columns: surfaces are not part of this release")
     frame = _Frame(cloud)
+    if cloud.dim == 3:
+        return _surface(cloud, _settings(cloud, frame, tolerance, max_depth, gap, init), frame, callback)
     fit = PlanarFit(cloud, _settings(cloud, frame, tolerance, max_depth, gap, init), frame.wrap(callback))
     spline, residuals, status = fit.run()
     metadata = {"made_by": "fit_points", "num_points": len(cloud.inverse), "noise": fit.noise * cloud.size}
@@ -105,6 +111,65 @@ def fit_points(
         gap=fit.settings.gap * cloud.size,
         num_components=len(result.to_polylines()),
         warnings=fit.warnings,
+    )
+
+
+def _surface(
+    cloud: PointCloud,
+    settings: PlanarSettings,
+    frame: _Frame,
+    callback: Callable[[EvolutionStep], object] | None,
+) -> FitResult:
+    # The solver balances the points with smoothing: weights in units of the usual one.
+    cloud = replace(cloud, weights=cloud.weights / float(np.median(cloud.weights)))
+    told = frame.wrap(callback)
+    history: list[StepRecord] = []
+    start: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None
+    if settings.init != "auto":
+        begin = settings.init if callable(settings.init) else None
+        evolution = SphereStart(cloud.points, settings.gap, told, history)
+        begun, vanished = evolution.run(begin)
+        if vanished or evolution.stopped:
+            return _result(cloud, frame, begun, history, status=2 if vanished else 3, gap=settings.gap)
+        start = begun
+    limits = SpatialSettings(settings.tolerance, settings.max_level, start)
+    fit = SpatialFit(cloud, limits, told, history)
+    spline, residuals, status = fit.run()
+    return _result(cloud, frame, spline, history, residuals, status, settings.gap, fit)
+
+
+def _result(
+    cloud: PointCloud,
+    frame: _Frame,
+    spline: TSpline,
+    history: list[StepRecord],
+    residuals: NDArray[np.float64] | None = None,
+    status: int = 0,
+    gap: float = 0.0,
+    fit: SpatialFit | None = None,
+) -> FitResult:
+    found = triangulate(spline) if fit is None or fit.triangles is None else fit.triangles
+    noise = 0.0 if fit is None else fit.noise * cloud.size
+    number = components(found)
+    if number == 0 and status == 0:
+        status = 2
+    rest = np.full(len(cloud.points), np.nan) if residuals is None else residuals
+    metadata = {"made_by": "fit_points", "num_points": len(cloud.inverse), "noise": noise}
+    result = frame.to_caller(spline)
+    result.metadata = metadata
+    return FitResult(
+        spline=result,
+        success=status == 0,
+        status=status,
+        message=MESSAGES[status],
+        nit=len(history),
+        history=history,
+        residuals=rest[cloud.inverse] * cloud.size,
+        noise=noise,
+        gap=gap * cloud.size,
+        num_components=number,
+        warnings=[] if fit is None else fit.warnings,
+        genus=number - euler_number(found) // 2,
     )
 
 
@@ -143,11 +208,14 @@ def _settings(
         ok = value is None or (number and np.isfinite(value) and value > 0)
         require(ok, name, repr(value), "a positive length or None")
     if max_depth is not None:
-        ok = isinstance(max_depth, int | np.integer) and 2 <= max_depth <= 14
-        require(ok, "max_depth", repr(max_depth), "an integer from 2 to 14, or None")
+        least = 2 if cloud.dim == 2 else 5
+        ok = isinstance(max_depth, int | np.integer) and least <= max_depth <= 14
+        require(ok, "max_depth", repr(max_depth), f"an integer from {least} to 14, or None")
     begin: Any = init
+    known = ("auto", "circle") if cloud.dim == 2 else ("auto", "sphere")
+    accepted = f"{', '.join(map(repr, known))}, a TSpline or a callable"
     if isinstance(init, str):
-        require(init in ("auto", "circle"), "init", repr(init), "'auto', 'circle', a TSpline or a callable")
+        require(init in known, "init", repr(init), accepted)
     elif callable(init):
 
         def begin(unit: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -155,7 +223,7 @@ def _settings(
             values = np.asarray(init(world), dtype=np.float64) / frame.size
             return np.where(np.isfinite(values), values, 1.0)
     else:
-        raise InvalidArgumentError("init", type(init).__name__, "'auto', 'circle', a TSpline or a callable")
+        raise InvalidArgumentError("init", type(init).__name__, accepted)
     return PlanarSettings(
         gap=cloud.gap if gap is None else gap / cloud.size,
         init=begin,

@@ -1,4 +1,4 @@
-"""Vertices of PLY files, ASCII and binary."""
+"""Vertices of PLY files and their normals, ASCII and binary."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from recon.number_table import number_table
+from recon.scan import Scan
 from tspline.errors import FileFormatError
 
 __all__ = ["parse_ply"]
@@ -34,8 +36,8 @@ class _Element:
     """(name, NumPy type); the type is empty for a list."""
 
 
-def parse_ply(data: bytes, path: str) -> FloatArray:
-    """Read the vertices of a PLY file; faces and all else are left aside.
+def parse_ply(data: bytes, path: str) -> Scan:
+    """Read the vertices of a PLY file, x, y[, z] and nx, ny[, nz]; faces and all else are left aside.
 
     Parameters
     ----------
@@ -46,7 +48,8 @@ def parse_ply(data: bytes, path: str) -> FloatArray:
 
     Returns
     -------
-    (n, 2) or (n, 3) float array
+    Scan
+        Coordinates may be infinite or NaN.
 
     Raises
     ------
@@ -112,27 +115,42 @@ def _skip(data: bytes, offset: int, order: str, element: _Element, path: str) ->
     return offset
 
 
-def _vertices(data: bytes, offset: int, order: str, element: _Element, path: str) -> FloatArray:
+def _vertices(data: bytes, offset: int, order: str, element: _Element, path: str) -> Scan:
     names = [name for name, _ in element.properties]
     if "x" not in names or "y" not in names or len(set(names)) != len(names):
         raise FileFormatError(path, f"vertices with the properties {', '.join(names)[:60]}", ACCEPTED)
     if any(not kind for _, kind in element.properties):
         raise FileFormatError(path, "vertices with lists", ACCEPTED)
     axes = [axis for axis in ("x", "y", "z") if axis in names]
-    if not order:
-        return _ascii(data[offset:], element, [names.index(axis) for axis in axes], path)
+    across = [f"n{axis}" for axis in axes]
+    wanted = axes + (across if set(across) <= set(names) else [])
+    if order:
+        columns = _binary(data, offset, order, element, wanted, path)
+    else:
+        columns = _ascii(data[offset:], element, [names.index(name) for name in wanted], path)
+    dim = len(axes)
+    normals = np.ascontiguousarray(columns[:, dim:]) if len(wanted) > dim else None
+    return Scan.of(np.ascontiguousarray(columns[:, :dim]), normals)
+
+
+def _binary(data: bytes, offset: int, order: str, element: _Element, wanted: list[str], path: str) -> FloatArray:
+    """The wanted properties of all vertices, shape (n, k)."""
     needed, found = element.count * _row_size(element), max(len(data) - offset, 0)
     if needed > found:
         wrong = f"{element.count} vertices declared, data for {found // _row_size(element)}"
         raise FileFormatError(path, wrong, "a complete file")
     row = np.dtype([(name, order + kind) for name, kind in element.properties])
     table = np.frombuffer(data, dtype=row, count=element.count, offset=offset)
-    return np.column_stack([table[axis].astype(np.float64) for axis in axes])
+    return np.column_stack([table[name].astype(np.float64) for name in wanted])
 
 
 def _ascii(body: bytes, element: _Element, columns: list[int], path: str) -> FloatArray:
+    """The wanted columns of all vertices, shape (n, k)."""
     lines = body.split(b"\n", element.count)[: element.count]
     width = len(element.properties)
+    table = number_table(b"\n".join(lines))
+    if table is not None and table.shape == (element.count, width):
+        return table[:, columns]
     rows: list[list[float]] = []
     for line in lines:
         words = line.split()

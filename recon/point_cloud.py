@@ -13,7 +13,7 @@ from tspline.errors import InvalidArgumentError, require
 __all__ = ["PointCloud"]
 
 # The longest side of the bounding box in the unit box: the rest is margin for a start curve around the data.
-FILL = 0.7
+FILL = {2: 0.7, 3: 0.8}
 
 # Relative width below which points count as lying on one line (plane); rounding of the input adds to it.
 FLATNESS = 1e-12
@@ -32,7 +32,7 @@ class PointCloud:
     ----------
     points : (m, d) float64
         Distinct points, in lexicographic order; their bounding box is centred in [0, 1]^d, its longest side
-        is 0.7.
+        is 0.7 (curves) or 0.8 (surfaces).
     weights : (m,) float64
         Sum of the weights of the input points that fell together.
     normals : (m, d) float64 or None
@@ -86,7 +86,7 @@ class PointCloud:
         shifted = array - center
         extent = float(np.max(high / 2 - low / 2)) * 2
         _check_extent(array, extent)
-        size = extent / FILL
+        size = extent / FILL[array.shape[1]]
         unit = shifted / size
         keep, inverse = _distinct(unit)
         _check_shape(unit[keep], rounding * float(np.abs(array).max()) / size)

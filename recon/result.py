@@ -21,7 +21,7 @@ class FitResult:
     Attributes
     ----------
     spline : TSpline
-        The implicit curve, f < 0 inside, caller's coordinates.
+        The implicit curve or surface, f < 0 inside, caller's coordinates.
     success : bool
         Whether the fit converged.
     status : int
@@ -35,11 +35,13 @@ class FitResult:
     residuals : ndarray, shape (n,)
         Signed distances of the input points from the zero set, caller's units, > 0 outside.
     noise : float
-        Estimated standard deviation of the points across the curve, caller's units.
+        Estimated standard deviation of the points across the curve or surface, caller's units.
     gap : float
         Widest gap in the data that was reckoned with, caller's units.
     num_components : int
-        Closed curves.
+        Closed curves, or closed surfaces.
+    genus : int or None
+        Handles of all closed surfaces together; None for curves.
     warnings : list of str
         What a user should know: open data, parts that the sampling does not resolve, curves removed.
     """
@@ -55,6 +57,7 @@ class FitResult:
     gap: float
     num_components: int
     warnings: list[str] = dataclass_field(default_factory=list)
+    genus: int | None = None
 
     @property
     def field(self) -> TSpline:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import re
 from array import array
 from dataclasses import dataclass, field
@@ -10,15 +9,23 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from recon.number_table import number_table
+from recon.scan import Scan
 from tspline.errors import FileFormatError
 
 __all__ = ["parse_text"]
 
+FloatArray = npt.NDArray[np.float64]
+
 ACCEPTED = "a point a line: x y or x y z, separated by blanks, commas or semicolons"
 _COLUMNS = (2, 3, 6)
-_PLAIN = b"0123456789+-.eE, \t\r\n"
+_SCANNER_COLUMNS = (3, 4, 6, 7)
+"""After a line with their number points may have an intensity, a colour, or both."""
 _RECORD = re.compile(r"[A-Za-z]{1,8}")
 _POINT_RECORDS = ("p", "v")
+_NORMAL_NAMES = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"), ("normalx", "normaly", "normalz"))
+_MAX_HEAD = 1 << 16
+"""Bytes before the first point beyond which a file is read line by line."""
 
 
 @dataclass
@@ -30,6 +37,8 @@ class _Rows:
     """Numbers a line, set by the first point."""
     columns: list[int] | None = None
     """Places of x, y[, z] where a header names them."""
+    normal_columns: list[int] | None = None
+    """Places of the normal's components where a header names them."""
     announced: int | None = None
     """Number of points in a count line at the top."""
     records: set[str] = field(default_factory=set)
@@ -42,14 +51,15 @@ class _Rows:
         return len(self.values) // self.width if self.width else 0
 
 
-def parse_text(data: bytes, path: str, *, is_obj: bool = False) -> npt.NDArray[np.float64]:
+def parse_text(data: bytes, path: str, *, is_obj: bool = False) -> Scan:
     """Read one point a line.
 
     Empty lines and what follows ``#``, ``//`` or ``%`` are skipped. One line of names may come first: columns
-    named x, y, z are then taken, wherever they are. So may a line with the number of points, as laser
-    scanners write it. Points may begin with the letter p or v; other lines that begin with a word are then
-    skipped. Six numbers a line are x y z and a normal or colour, which is not used. Between semicolons a
-    comma is a decimal comma.
+    named x, y, z, and nx, ny, nz, are then taken, wherever they are. So may a line with the number of points, as
+    laser scanners write it, with an intensity and a colour after x y z, which are not used. Points may begin
+    with the letter p or v; other lines that begin with a word are then skipped. Six numbers a line are x y z and
+    a normal, if all are of length 1, or a colour, which is not used. Between semicolons a comma is a decimal
+    comma.
 
     Parameters
     ----------
@@ -58,44 +68,79 @@ def parse_text(data: bytes, path: str, *, is_obj: bool = False) -> npt.NDArray[n
     path : str
         The file's name for errors.
     is_obj : bool
-        Wavefront OBJ: take the ``v`` lines, x y z with an optional weight or colour after them.
+        Wavefront OBJ: take the ``v`` lines, x y z with an optional weight or colour after them, and nothing else.
 
     Returns
     -------
-    (n, 2) or (n, 3) float array
-        Numbers may be infinite or NaN.
+    Scan
+        Coordinates may be infinite or NaN.
 
     Raises
     ------
     FileFormatError
         Binary data, words, lines of unequal length, a count that is not kept, or no points.
     """
-    plain = None if is_obj else _plain_table(data)
-    if plain is not None:
-        return plain
+    return _at_once(data, path, is_obj=is_obj) or _line_by_line(data, path, is_obj=is_obj)
+
+
+def _line_by_line(data: bytes, path: str, *, is_obj: bool) -> Scan:
+    """Read anything that is accepted, and say which line is not."""
     rows = _Rows(prefixed=True if is_obj else None)
     for number, line in enumerate(_lines(data, path), start=1):
-        tokens = _tokens(line)
-        if not tokens:
-            continue
-        where = f"{path}:{number}"
-        if is_obj:
-            tokens = tokens[:4] if tokens[0] == "v" else tokens[:1]
-        _take(rows, tokens, where)
-    return _finish(rows, path)
+        _take_line(rows, line, f"{path}:{number}", is_obj=is_obj)
+    if rows.count == 0:
+        raise FileFormatError(path, *_no_points(rows))
+    return _finish(rows, np.frombuffer(rows.values, dtype=np.float64).reshape(-1, rows.width), path)
 
 
-def _plain_table(data: bytes) -> npt.NDArray[np.float64] | None:
-    """Read a table of numbers and nothing else, quickly; None for what needs a closer look."""
-    if data.translate(None, _PLAIN) or not data.strip(b" \t\r\n,"):
+def _at_once(data: bytes, path: str, *, is_obj: bool) -> Scan | None:
+    """Read the lines up to the first point one by one, and all others as one table; None where that does not do."""
+    rows = _Rows(prefixed=True if is_obj else None)
+    start = 0
+    while rows.count == 0:
+        end = data.find(b"\n", start, start + _MAX_HEAD) + 1
+        line = data[start:end].rstrip(b"\r\n")
+        if end == 0 or end > _MAX_HEAD or b"\r" in line:
+            return None
+        try:
+            _take_line(rows, line.decode("utf-8-sig" if start == 0 else "utf-8"), path, is_obj=is_obj)
+        except (FileFormatError, UnicodeDecodeError):
+            return None
+        start = end
+    rest = data[start:]
+    if rows.prefixed:
+        lettered = _lettered(rest, (b"v ",) if is_obj else (b"p ", b"v "))
+        if lettered is None:
+            return None
+        rest = lettered
+    elif b";" in rest:
+        # Between semicolons commas are decimal, and the slow way knows which lines have any.
+        if rest.count(b";") != (rows.width - 1) * (rest.count(b"\n") + (not rest.endswith(b"\n"))):
+            return None
+        rest = rest.replace(b",", b".").replace(b";", b" ")
+    table = number_table(rest)
+    if table is None or (table.shape[1] < 3 if is_obj else table.shape[1] != rows.width):
         return None
-    try:
-        table = np.loadtxt(io.BytesIO(data.replace(b",", b" ")), comments=None, ndmin=2)
-    except ValueError:
-        return None  # the slow way says which line
-    if table.shape[1] not in _COLUMNS:
-        return None
-    return np.ascontiguousarray(table[:, : 3 if table.shape[1] == 6 else None])
+    return _finish(rows, np.vstack([np.array([rows.values]), table[:, : rows.width]]), path)
+
+
+def _lettered(data: bytes, points: tuple[bytes, ...]) -> bytes | None:
+    """The numbers of the lines that begin with one of `points`; None where lines begin with anything but a word."""
+    lines = data.split(b"\n")
+    for head in {line[:2] for line in lines}:
+        word = head[:1].isalpha() and head.lower() not in (b"na", b"in", b"v\t", b"p\t")
+        if not (word or head[:1] in (b"", b"#", b"\r")):
+            return None
+    return b"\n".join([line[2:] for line in lines if line[:2] in points])
+
+
+def _take_line(rows: _Rows, line: str, where: str, *, is_obj: bool) -> None:
+    tokens = _tokens(line)
+    if not tokens:
+        return
+    if is_obj:
+        tokens = tokens[:4] if tokens[0] == "v" else tokens[:1]
+    _take(rows, tokens, where)
 
 
 def _lines(data: bytes, path: str) -> list[str]:
@@ -135,7 +180,7 @@ def _take(rows: _Rows, tokens: list[str], where: str) -> None:
     numbers = _numbers(tokens)
     if numbers is None:
         if rows.width == 0 and rows.announced is None and rows.columns is None:
-            rows.columns = _named_columns(tokens, where)
+            rows.columns, rows.normal_columns = _named_columns(tokens, where)
             return
         raise FileFormatError(where, f"the line {_brief(tokens)}", ACCEPTED)
     _add(rows, numbers, tokens, where)
@@ -151,7 +196,8 @@ def _add(rows: _Rows, numbers: list[float], tokens: list[str], where: str) -> No
         if len(numbers) == 1 and rows.announced is None and numbers[0] >= 0 and numbers[0].is_integer():
             rows.announced = int(numbers[0])
             return
-        if rows.columns is None and len(numbers) not in _COLUMNS:
+        accepted = _COLUMNS if rows.announced is None else (*_COLUMNS, *_SCANNER_COLUMNS)
+        if rows.columns is None and len(numbers) not in accepted:
             raise FileFormatError(where, f"{len(numbers)} numbers: {_brief(tokens)}", ACCEPTED)
         if rows.columns is not None and len(numbers) <= max(rows.columns):
             raise FileFormatError(where, f"{len(numbers)} numbers", "as many as the header has names")
@@ -170,31 +216,38 @@ def _numbers(tokens: list[str]) -> list[float] | None:
     return None if any("_" in token for token in tokens) else numbers
 
 
-def _named_columns(tokens: list[str], where: str) -> list[int]:
-    """Places of x, y[, z] in a line of column names."""
+def _named_columns(tokens: list[str], where: str) -> tuple[list[int], list[int] | None]:
+    """Places of x, y[, z] in a line of column names, and of a normal's components if there is one."""
     names = [token.strip("\"'").lower() for token in tokens]
     if any(_numbers([token]) is not None for token in names) or not all(re.search(r"[a-z_]", name) for name in names):
         raise FileFormatError(where, f"the line {_brief(tokens)}", ACCEPTED)
     if "x" in names and "y" in names:
-        return [names.index(axis) for axis in ("x", "y", "z") if axis in names]
+        places = [names.index(axis) for axis in ("x", "y", "z") if axis in names]
+        named = [normal[: len(places)] for normal in _NORMAL_NAMES]
+        found = next((normal for normal in named if set(normal) <= set(names)), None)
+        return places, None if found is None else [names.index(name) for name in found]
     if len(names) in (2, 3):
-        return list(range(len(names)))
+        return list(range(len(names))), None
     raise FileFormatError(where, f"the column names {_brief(tokens)}", "columns named x, y and perhaps z")
 
 
-def _finish(rows: _Rows, path: str) -> npt.NDArray[np.float64]:
-    if rows.count == 0:
-        if rows.records:
-            found = "no points, only lines that begin with " + ", ".join(sorted(rows.records)[:5])
-            raise FileFormatError(path, found, "points on lines that begin with p or v, or with a number")
-        raise FileFormatError(path, "no points", ACCEPTED)
-    if rows.announced is not None and rows.announced != rows.count:
-        found = f"the first line announces {rows.announced} points, found {rows.count}"
+def _no_points(rows: _Rows) -> tuple[str, str]:
+    """What is wrong and what is accepted where there is no point."""
+    if not rows.records:
+        return "no points", ACCEPTED
+    found = "no points, only lines that begin with " + ", ".join(sorted(rows.records)[:5])
+    return found, "points on lines that begin with p or v, or with a number"
+
+
+def _finish(rows: _Rows, table: FloatArray, path: str) -> Scan:
+    """Take the columns that count from all rows (n, width)."""
+    if rows.announced is not None and rows.announced != len(table):
+        found = f"the first line announces {rows.announced} points, found {len(table)}"
         raise FileFormatError(path, found, "a complete file")
-    table = np.frombuffer(rows.values, dtype=np.float64).reshape(-1, rows.width)
     if rows.columns is not None:
-        return np.ascontiguousarray(table[:, rows.columns])
-    return np.ascontiguousarray(table[:, : 3 if rows.width == 6 else rows.width])
+        normals = None if rows.normal_columns is None else np.ascontiguousarray(table[:, rows.normal_columns])
+        return Scan.of(np.ascontiguousarray(table[:, rows.columns]), normals)
+    return Scan.from_table(table if rows.width in _COLUMNS else table[:, :3])
 
 
 def _brief(tokens: list[str]) -> str:

@@ -74,6 +74,8 @@ def run_callback(callback: Any, bounds: np.ndarray, final: list[tuple[float, flo
 
 def fit_points(points: Any, *, callback: Any = None, status: int = 0, **options: Any) -> SimpleNamespace:
     data = np.asarray(points, dtype=float)
+    if data.shape[1] == 3:
+        return _fit_sphere(data, callback=callback, status=status, **options)
     middle, reach = data.mean(axis=0), 1.4 * np.abs(data - data.mean(axis=0)).max()
     bounds = np.array([middle - reach, middle + reach])
     distance = np.hypot(*(data - middle).T)
@@ -87,6 +89,36 @@ def fit_points(points: Any, *, callback: Any = None, status: int = 0, **options:
         residuals=residuals, rms_residual=float(np.sqrt(np.mean(residuals**2))),
         max_residual=float(residuals.max()), num_components=1, warnings=["fake warning"], options=options,
     )  # fmt: skip
+
+
+def _fit_sphere(data: np.ndarray, *, callback: Any, status: int, **options: Any) -> SimpleNamespace:
+    """The sphere around the points' mean with their mean radius, as a T-spline."""
+    from tspline import TMesh, TSpline
+
+    middle = data.mean(axis=0)
+    distance = np.linalg.norm(data - middle, axis=1)
+    radius = float(distance.mean())
+    mesh = TMesh.uniform(np.array([middle - 2.0 * radius, middle + 2.0 * radius]), 4)
+    # A quadratic is in the spline space: the zero set is the sphere to rounding, and its gradient 1 there.
+    spline = TSpline.fit(mesh, lambda x: (np.sum((x - middle) ** 2, axis=1) - radius**2) / (2.0 * radius))
+    if callback is not None:
+        for nit in range(3):
+            callback(SimpleNamespace(nit=nit, phase="polish", spline=spline, travel=0.1, num_coefficients=6859))
+    residuals = distance - radius
+    return SimpleNamespace(
+        field=spline, spline=spline, success=status == 0, status=status, message="fake", nit=2, history=[],
+        residuals=residuals, rms_residual=float(np.sqrt(np.mean(residuals**2))), gap=radius,
+        max_residual=float(np.abs(residuals).max()), num_components=1, genus=0, warnings=[], options=options,
+    )  # fmt: skip
+
+
+def sphere_mesh(spline: Any) -> Any:
+    """What `to_mesh` gives of the sphere that `fit_points` found."""
+    import trimesh
+
+    middle = spline.bounds.mean(axis=0)
+    radius = float(np.ptp(spline.bounds[:, 0])) / 4.0
+    return trimesh.creation.icosphere(subdivisions=3, radius=radius).apply_translation(middle)
 
 
 def segment_image(image: Any, *, callback: Any = None, status: int = 0, **options: Any) -> SimpleNamespace:

@@ -75,7 +75,6 @@ def failed(capsys: pytest.CaptureFixture[str], *words: str, status: int = 2) -> 
         ("segment .", ".: Is a directory"),
         ("segment ring.xyz", "ring.xyz: not an image"),
         ("fit none.xyz", "none.xyz: No such file"),
-        ("fit space.xyz", "space.xyz: 9 points in 3D, and surfaces are not part of this release"),
         ("fit image.npy", "image.npy: an array of type uint8 and shape (20, 30)"),
         ("fit ring.xyz --model a.txt", "the ending '.txt'; accepted is"),
         ("fit ring.xyz --figure a", "no ending"),

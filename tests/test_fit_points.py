@@ -423,7 +423,7 @@ NAN[7, 1], INF[3, 0] = np.nan, -np.inf
         (CIRCLE.astype(str), "dtype"),
         (CIRCLE > 0, "bool"),
         (None, "dtype"),
-        (np.random.default_rng(0).normal(size=(50, 3)), "3 columns"),
+        (np.random.default_rng(0).normal(size=(50, 4)), r"shape \(50, 4\)"),
     ],
 )
 def test_unusable_points_are_refused(points: Any, found: str) -> None:

@@ -34,10 +34,10 @@ ORDER = [
 # Pairs that do not know each other although one stands before the other.
 STRANGERS = {("sparse_field", "evolve")}
 # A method that is a convenience for a function further up: imported on use.
-UPWARD = {("spline", "model_file")}
+UPWARD = {("spline", "model_file"), ("spline", "geometry"), ("spline", "contour")}
 # Heavy or optional: imported inside the function that needs them, so that `import tspline` starts at once.
 # The figures' own modules draw with matplotlib throughout, and are themselves imported on use.
-ON_USE = {"matplotlib", "mpl_toolkits", "ezdxf", "vtk"}
+ON_USE = {"matplotlib", "mpl_toolkits", "ezdxf", "vtk", "laspy", "pye57", "trimesh"}
 DRAWING = ("tspline", "figure")
 
 

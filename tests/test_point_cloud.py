@@ -86,13 +86,13 @@ def test_unusable_normals_are_named(normals: NDArray[np.float64], told: str) -> 
     assert caught.value.name == "normals"
 
 
-@pytest.mark.parametrize("points", [circle(100), sphere(100) * [1, 2, 3]])
-def test_bounding_box_is_centred_with_a_margin(points: NDArray[np.float64]) -> None:
+@pytest.mark.parametrize(("points", "fill"), [(circle(100), 0.7), (sphere(100) * [1, 2, 3], 0.8)])
+def test_bounding_box_is_centred_with_a_margin(points: NDArray[np.float64], fill: float) -> None:
     cloud = PointCloud.from_array(points * 17 + 5)
     low, high = cloud.points.min(axis=0), cloud.points.max(axis=0)
     # Rounding of a few units in the last place of numbers near 1.
     np.testing.assert_allclose(low + high, 1.0, atol=1e-14)
-    assert np.max(high - low) == pytest.approx(0.7, abs=1e-14)
+    assert np.max(high - low) == pytest.approx(fill, abs=1e-14)
     assert cloud.diagonal == pytest.approx(float(np.linalg.norm(np.ptp(points * 17, axis=0))) / cloud.size)
 
 

@@ -5,7 +5,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["System", "TMesh"]
+__all__ = ["Hierarchy", "System", "TMesh", "planes", "sides_of"]
 
 _Floats = NDArray[np.float64]
 _Ints = NDArray[np.int64]
@@ -42,6 +42,7 @@ class TMesh:
     def evaluate(self, c: _Floats, at: _Floats, order: int) -> tuple[_Floats, _Floats | None, _Floats | None]: ...
     def basis(self, at: _Floats, order: int) -> tuple[_Ints, _Ints, list[_Floats]]: ...
     def loops(self, c: _Floats, subdivision: int) -> tuple[_Floats, _Ints]: ...
+    def surface(self, c: _Floats, subdivision: int) -> tuple[_Floats, _Floats, _Ints]: ...
     def project(
         self, c: _Floats, at: _Floats, starts: _Floats, max_travel: float
     ) -> tuple[_Floats, NDArray[np.bool_]]: ...
@@ -68,7 +69,47 @@ class System:
         tolerance: float,
         plain: bool = False,
         warm: _Floats | None = None,
+        diagonal: int = 0,
     ) -> tuple[_Floats, _Floats, float, int, bool]: ...
     def matrix(self) -> tuple[_Ints, _Ints, _Floats]: ...
     @property
     def fill(self) -> tuple[int, int]: ...
+
+@final
+class Hierarchy:
+    def __new__(cls, level: int) -> Hierarchy: ...
+    def refine(self, cells: NDArray[np.uint32]) -> None: ...
+    @staticmethod
+    def around(cells: NDArray[np.uint32], n: int, radius: int) -> NDArray[np.uint32]: ...
+    def retreat(self) -> None: ...
+    def fit(
+        self,
+        at: _Floats,
+        weights: _Floats,
+        targets: _Floats,
+        normal_weights: _Floats,
+        normals: _Floats,
+        *,
+        smoothing: float,
+        kink: float,
+        tangential: float,
+        tolerance: float,
+        max_iterations: int,
+    ) -> tuple[int, bool, int]: ...
+    def evaluate(self, at: _Floats) -> tuple[_Floats, _Floats, NDArray[np.uint8]]: ...
+    def coefficients(self, knots: _Floats) -> _Floats: ...
+    @property
+    def sizes(self) -> list[int]: ...
+
+def planes(cloud: _Floats, queries: _Floats, patches: _Ints) -> tuple[_Floats, _Floats, _Floats]: ...
+def sides_of(
+    cloud: _Floats,
+    normals: _Floats,
+    trust: _Floats,
+    reach: _Floats,
+    cells: NDArray[np.int32],
+    neighbours: NDArray[np.int32],
+) -> tuple[_Floats, _Floats, _Floats, _Floats]: ...
+def locate_cells(
+    cloud: _Floats, cells: NDArray[np.int32], neighbours: NDArray[np.int32], queries: _Floats
+) -> NDArray[np.int32]: ...

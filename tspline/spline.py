@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 from os import PathLike
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 from tspline import _core
 from tspline.errors import InvalidArgumentError, require
 from tspline.mesh import Floats, TMesh
+
+if TYPE_CHECKING:
+    import trimesh
+
+    from tspline.contour import SurfaceMeasures
 
 __all__ = ["TSpline"]
 
@@ -51,6 +57,8 @@ class TSpline:
         self._mesh = mesh
         self._coefficients = c
         self.metadata: dict[str, Any] = dict(metadata or {})
+        #: Triangulations of the zero set that were made, by subdivision: asking twice costs once.
+        self.triangulations: dict[int, Any] = {}
 
     @classmethod
     def fit(cls, mesh: TMesh, function: Callable[[Floats], ArrayLike], *, samples: int = 3) -> TSpline:
@@ -174,10 +182,84 @@ class TSpline:
                 break
         return [self._mesh.from_unit(line) for line in lines]
 
+    def to_mesh(self, tolerance: float | None = None) -> trimesh.Trimesh:
+        """Closed triangle mesh on the zero set of a spline in space, faces counter-clockwise seen from outside.
+
+        Parameters
+        ----------
+        tolerance : float, optional
+            Largest distance between mesh and zero set, caller's units, by |f| / |grad f| at the faces' centroids and
+            the edges' midpoints. By default there is about one vertex for each of the smallest cells that the zero
+            set visits.
+
+        Returns
+        -------
+        trimesh.Trimesh
+            A closed 2-manifold, whatever the coefficients. Vertices lie on the zero set to rounding, or on the box's
+            faces where the box cuts the shape, which is closed there (outside the box counts as f > 0). Its
+            `vertex_normals` are those of the field. Without a zero set it has no vertices.
+
+        Raises
+        ------
+        ValueError
+            For a planar spline, and for a tolerance that would take more than 20 million faces.
+
+        Notes
+        -----
+        Dual marching cubes [1]_ on a uniform lattice: parts and gaps thinner than its step may be missed or joined. A
+        smaller tolerance resolves them only if it asks for a finer lattice.
+
+        References
+        ----------
+        .. [1] G. Nielson, "Dual marching cubes", IEEE Visualization (2004), doi 10.1109/VISUAL.2004.28.
+        """
+        from tspline.contour import surface_mesh
+
+        return surface_mesh(self, tolerance)
+
+    def area(self) -> float:
+        """Area of the zero set of a spline in space, within the box; error of fourth order in the cells' side."""
+        return self._measures().area
+
+    def volume(self) -> float:
+        """Volume of the inside {f < 0} of a spline in space; error of fourth order in the cells' side."""
+        return self._measures().volume
+
+    def euler_number(self) -> int:
+        """V - E + F of `to_mesh()`: 2 for each ball, 0 for each torus."""
+        return self._measures().euler_number
+
+    def num_components(self) -> int:
+        """Number of closed surfaces of a spline in space: a hollow ball has two."""
+        return self._measures().num_components
+
+    def genus(self) -> int:
+        """Number of handles of a spline in space, of all components together."""
+        return self._measures().genus
+
+    def mean_curvature(self, points: ArrayLike) -> Floats:
+        """H = (k1 + k2) / 2 at points (k, 3), shape (k,): 1 / r on a sphere; NaN where the gradient is zero."""
+        from tspline.geometry import mean_curvature
+
+        return mean_curvature(*self._derivatives(points))
+
+    def gauss_curvature(self, points: ArrayLike) -> Floats:
+        """K = k1 k2 of the level surfaces at points (k, 3), shape (k,); NaN where the gradient is zero."""
+        from tspline.geometry import gauss_curvature
+
+        return gauss_curvature(*self._derivatives(points))
+
+    def principal_curvatures(self, points: ArrayLike) -> Floats:
+        """k1 >= k2 of the level surfaces at points (k, 3), shape (k, 2); NaN where the gradient is zero."""
+        from tspline.geometry import principal_curvatures
+
+        return principal_curvatures(*self._derivatives(points))
+
     def project(self, points: ArrayLike) -> tuple[Floats, NDArray[np.bool_]]:
         """Nearest points on the zero set and whether each was reached, shapes (k, d) and (k,).
 
-        Starts come from the nearest vertex of the polylines (2D); points far from the zero set may not converge.
+        Starts come from the nearest vertex of the polylines, in 3D of the mesh; points far from the zero set may not
+        converge.
         """
         xs, shape = self._points(points)
         feet, reached = self._mesh.core.project(self._coefficients, xs, self._starts(xs), 0.05)
@@ -187,23 +269,23 @@ class TSpline:
         """The least-squares fit on another mesh over the same cube, and the largest shift of the zero set.
 
         General T-spline spaces do not nest: the shift, |f_new| / |grad f_new| on the old zero set (caller's units), is
-        measured, never assumed to be zero. In 3D it is NaN when the zero set cannot be sampled.
+        measured at the vertices of its polylines or mesh, never assumed to be zero.
         """
         new = TSpline.fit(mesh, self)
         new.metadata = dict(self.metadata)
-        if self.dim != 2:
-            return new, float("nan")
-        old = self.to_polylines()
-        if not old:
+        at = self._mesh.from_unit(self._zero_set())
+        if len(at) == 0:
             return new, 0.0
-        at = np.vstack(old)
         slope = np.linalg.norm(new.gradient(at), axis=1)
         return new, float(np.max(np.abs(new(at)) / np.maximum(slope, 1e-12)))
 
     def rescaled(self, bounds: ArrayLike) -> TSpline:
         """The same shape over another cube; values scale with lengths."""
         mesh = self._mesh.rescaled(bounds)
-        return TSpline(mesh, self._coefficients * (mesh.size / self._mesh.size), self.metadata)
+        scaled = TSpline(mesh, self._coefficients * (mesh.size / self._mesh.size), self.metadata)
+        # A positive factor moves no zero, and triangles stand in the unit box.
+        scaled.triangulations = {k: replace(t, spline=scaled) for k, t in self.triangulations.items()}
+        return scaled
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write a self-contained model file (`tspline.load` reads it); complete or absent."""
@@ -246,13 +328,35 @@ class TSpline:
         slope = np.maximum(np.linalg.norm(gradient, axis=1), 1e-12)
         return float(np.max(np.abs(value) / slope)) * self._mesh.size
 
+    def _measures(self) -> SurfaceMeasures:
+        from tspline.contour import measure
+
+        return measure(self)
+
+    def _derivatives(self, points: ArrayLike) -> tuple[Floats, Floats]:
+        """Gradients and Hessians of a spline in space."""
+        require(self.dim == 3, "spline", "a planar spline", "a spline in 3D")
+        return self._jet(points, 2)[1:]
+
+    def _zero_set(self) -> Floats:
+        """Vertices of polylines or mesh, (k, d), unit box; in 3D without those that only close the shape."""
+        core, c = self._mesh.core, self._coefficients
+        if self.dim == 2:
+            return core.loops(c, SUBDIVISION)[0]
+        vertices = core.surface(c, 0)[0]
+        on_wall = np.any((vertices == 0.0) | (vertices == 1.0), axis=1)
+        if on_wall.any():
+            value, gradient, _ = core.evaluate(c, vertices, 1)
+            assert gradient is not None
+            vertices = vertices[~on_wall | (np.abs(value) <= 1e-9 * np.linalg.norm(gradient, axis=1))]
+        return vertices
+
     def _starts(self, xs: Floats) -> Floats:
-        lines = self._loops(SUBDIVISION) if self.dim == 2 else []
-        if not lines or len(xs) == 0:
+        vertices = self._zero_set() if len(xs) else xs
+        if len(vertices) == 0:
             return xs
         from scipy.spatial import cKDTree
 
-        vertices = np.vstack(lines)
         return np.ascontiguousarray(vertices[cKDTree(vertices).query(np.nan_to_num(xs))[1]])
 
     def __repr__(self) -> str:

@@ -98,7 +98,7 @@ class Evolution:
         """One step; None when the zero set has vanished and nothing is left to move."""
         spline, options = self._spline, self.options
         state = SplineState(spline, self.time)
-        samples = zero_set_samples(spline, self.time)
+        samples = zero_set_samples(spline, self.time, options.subdivision)
         if len(samples) == 0:
             return None
         self.speed.prepare(state)
@@ -128,6 +128,7 @@ class Evolution:
             damping=options.damping,
             tolerance=options.tolerance,
             warm=self._warm,
+            diagonal=options.diagonal,
         )
         travel = float(np.abs(realised).max()) * size * step
         if options.time_step is None:

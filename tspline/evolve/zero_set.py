@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tspline.errors import require
+from tspline.contour import triangulate
 from tspline.speed import LevelSetSamples
 from tspline.spline import TSpline
 
@@ -38,29 +38,44 @@ class SplineState:
 
 
 def zero_set_samples(spline: TSpline, time: float = 0.0, subdivision: int = 1) -> LevelSetSamples:
-    """Samples on the zero set, weights adding up to its length.
+    """Samples on the zero set, weights adding up to its length or area.
 
-    One sample a side of the polylines: the side's midpoint moved onto the zero set by a Newton step. `subdivision` cuts
-    cells into 2**subdivision squares an axis first; 1 gives about six samples a cell.
+    One sample a side of the polylines, in 3D one a triangle of the mesh: its middle moved onto the zero set by a Newton
+    step. `subdivision` cuts cells into 2**subdivision squares or cubes an axis first; 1 gives about six samples a cell,
+    in 3D eight, and 0 two. In 3D what closes the shape at the box's faces has no samples.
     """
-    require(spline.dim == 2, "spline", "a spline in 3D", "a planar spline")
+    middle, measure, reach = (_sides if spline.dim == 2 else _triangles)(spline, subdivision)
     core, size = spline.mesh.core, spline.mesh.size
-    vertices, start = core.loops(spline.coefficients, subdivision)
-    following = np.arange(1, len(vertices) + 1)
-    following[start[1:] - 1] = start[:-1]
-    ahead = vertices[following]
-    middle = 0.5 * (vertices + ahead)
-    length = np.linalg.norm(ahead - vertices, axis=1)
     if len(middle):
         value, gradient, _ = core.evaluate(spline.coefficients / size, middle, 1)
         assert gradient is not None
         square = np.maximum(np.einsum("md,md->m", gradient, gradient), 1e-12)
         # A Newton step longer than the side means that the gradient tells nothing here.
-        step = np.clip(value / square, -length, length)[:, None] * gradient
+        step = np.clip(value / square, -reach, reach)[:, None] * gradient
         middle = np.clip(middle - step, 0.0, 1.0)
     points = spline.mesh.from_unit(middle)
     gradient = spline.gradient(points)
     norm = np.linalg.norm(gradient, axis=1)
     # Unit length of the polyline's normal where the gradient is no direction at all.
     normals = gradient / np.maximum(norm, 1e-12)[:, None]
-    return LevelSetSamples(points, normals, size * length, norm, time, SplineState(spline, time))
+    weights = size ** (spline.dim - 1) * measure
+    return LevelSetSamples(points, normals, weights, norm, time, SplineState(spline, time))
+
+
+def _sides(spline: TSpline, subdivision: int) -> tuple[Floats, Floats, Floats]:
+    """Middles and lengths of the polylines' sides, and how far the zero set may be: unit box."""
+    vertices, start = spline.mesh.core.loops(spline.coefficients, subdivision)
+    following = np.arange(1, len(vertices) + 1)
+    following[start[1:] - 1] = start[:-1]
+    ahead = vertices[following]
+    length = np.linalg.norm(ahead - vertices, axis=1)
+    return 0.5 * (vertices + ahead), length, length
+
+
+def _triangles(spline: TSpline, subdivision: int) -> tuple[Floats, Floats, Floats]:
+    """Centroids and areas of the mesh's triangles, and how far the zero set may be: unit box."""
+    found = triangulate(spline, subdivision)
+    corners = found.vertices[found.faces[~found.in_wall]]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    reach = np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1)
+    return corners.mean(axis=1), 0.5 * np.linalg.norm(normal, axis=1), reach

@@ -31,6 +31,11 @@ RESULT = "#d1361b"
 HALO = "#ffffff"
 """Around curves over images."""
 
+INSIDE = "#fbe9e4"
+"""Where f < 0 in a cut."""
+BARE_RGB = (0.60, 0.62, 0.65)
+"""Surface without data near it."""
+
 CURVE_WIDTH = 1.5
 THIN_WIDTH = 0.9
 MESH_WIDTH = 0.35
@@ -39,6 +44,15 @@ FONT = "DejaVu Sans"
 EVOLUTION: Colormap = LinearSegmentedColormap.from_list("evolution", ["#1f6fb4", "#6a5acd", "#c2528b", RESULT])
 """From the initial level set's colour to that of the result; equal lightness, so that each line reads on
 white and, with a halo, on images."""
+
+
+RESIDUAL: Colormap = LinearSegmentedColormap.from_list(
+    "residual", ["#15508f", "#5d9bd1", "#e9e6df", "#e58a66", "#b3261e"]
+)
+"""From data inside the surface to data outside, by way of the pale grey of a good fit; lit surfaces keep their hue."""
+
+DEPTH: Colormap = LinearSegmentedColormap.from_list("depth", ["#c3ccd5", "#7d8b99", "#1d2733"])
+"""Points in space, from far to near."""
 
 
 def new_figure(width: float, height: float, dpi: float = 150.0) -> Figure:

@@ -37,7 +37,7 @@ impl<'a, const D: usize> Worker<'a, D> {
     /// Add element `e` with its samples to the rows at `slots` of `partial`. Returns the weighted squares of
     /// |grad f| - 1 and the weights, summed over the element.
     pub fn element(&mut self, e: usize, samples: &[u32], slots: &[u32], partial: &mut [f64]) -> [f64; 2] {
-        let size = self.mesh.elements().factors(e).len();
+        let size = self.scratch.select(self.mesh.elements(), e).factors().len();
         self.block.start(size);
         let sums = self.constraint(e);
         for &k in samples {
@@ -66,7 +66,7 @@ impl<'a, const D: usize> Worker<'a, D> {
     fn load<const ORDER: usize>(&mut self, e: usize, x: &[f64; D]) -> Jet<D> {
         basis_on::<D, ORDER>(self.mesh.elements(), e, &mut self.scratch, x, &mut self.basis);
         let mut f = Jet::ZERO;
-        for (b, factor) in self.basis.iter().zip(self.mesh.elements().factors(e)) {
+        for (b, factor) in self.basis.iter().zip(self.scratch.factors()) {
             let c = self.eq.coefficients[factor.function as usize];
             f.value += c * b.value;
             for a in 0..D {
@@ -90,7 +90,7 @@ impl<'a, const D: usize> Worker<'a, D> {
         self.slopes.clear();
         let mut n: Slopes = [[0.0; 8]; 4];
         let mut w: Slopes = [[0.0; 8]; 4];
-        for factor in elements.factors(e) {
+        for factor in self.gauss.factors() {
             let c = self.eq.coefficients[factor.function as usize];
             let b = self.gauss.product(factor);
             for k in 0..=D {

@@ -79,11 +79,9 @@ pub fn loops(mesh: &TMesh<2>, c: &[f64], subdivision: u8) -> Result<Loops> {
 /// Whether the coefficients that act on a cell have both signs.
 fn may_vanish(mesh: &TMesh<2>, c: &[f64], leaf: usize) -> bool {
     let (mut negative, mut positive) = (false, false);
-    for e in mesh.elements().of_leaf(leaf) {
-        for f in mesh.elements().factors(e) {
-            negative |= c[f.function as usize] < 0.0;
-            positive |= c[f.function as usize] >= 0.0;
-        }
+    for &i in mesh.elements().active(leaf) {
+        negative |= c[i as usize] < 0.0;
+        positive |= c[i as usize] >= 0.0;
     }
     let cell = mesh.tree().leaves()[leaf];
     let border = cell.corner.iter().any(|&x| x == 0 || x + cell.side() == SIDE);

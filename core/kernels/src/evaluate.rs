@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use crate::bspline::jet;
 use crate::element::{Elements, Factor};
+use crate::local::Local;
 use crate::mesh::TMesh;
 
 /// Points in one unit of parallel work.
@@ -31,9 +32,10 @@ impl<const D: usize> Jet<D> {
     };
 }
 
-/// Scratch of one thread: jets of an element's univariate pieces at one point, in units of the box. 256 places an axis
-/// make every `u8` a valid index.
+/// Scratch of one thread: an element, and jets of its univariate pieces at one point, in units of the box. 256 places an
+/// axis make every `u8` a valid index.
 pub struct Scratch<const D: usize> {
+    local: Local<D>,
     pieces: Box<[[[f64; 3]; 256]; D]>,
 }
 
@@ -46,18 +48,33 @@ impl<const D: usize> Default for Scratch<D> {
 impl<const D: usize> Scratch<D> {
     pub fn new() -> Self {
         Self {
+            local: Local::new(),
             pieces: Box::new([[[0.0; 3]; 256]; D]),
         }
+    }
+
+    /// Take an element.
+    #[inline]
+    pub fn select(&mut self, elements: &Elements<D>, element: usize) -> &Local<D> {
+        self.local.load(elements, element);
+        &self.local
+    }
+
+    /// Basis functions on the element that was taken last.
+    #[inline]
+    pub fn factors(&self) -> &[Factor<D>] {
+        self.local.factors()
     }
 
     /// Evaluate the element's pieces at `x`.
     #[inline]
     pub fn load(&mut self, elements: &Elements<D>, element: usize, x: &[f64; D]) {
-        let head = elements.head(element);
+        self.local.load(elements, element);
+        let head = *self.local.head();
         for a in 0..D {
             let scale = head.inverse[a];
             let t = (x[a] - head.corner[a]) * scale;
-            for (slot, cubic) in self.pieces[a].iter_mut().zip(elements.pieces(element, a)) {
+            for (slot, cubic) in self.pieces[a].iter_mut().zip(self.local.pieces(a)) {
                 let [v, d, s] = jet(cubic, t);
                 *slot = [v, d * scale, s * scale * scale];
             }
@@ -225,9 +242,9 @@ pub fn field_on<const D: usize, const ORDER: usize>(
     x: &[f64; D],
 ) -> Jet<D> {
     scratch.load(elements, element, x);
-    let factors = elements.factors(element);
+    let factors = scratch.factors();
     let n = scratch.sum::<ORDER>(factors, |i| c[i as usize]);
-    if elements.head(element).unity {
+    if scratch.local.unity() {
         return n;
     }
     quotient::<D, ORDER>(&n, &scratch.sum::<ORDER>(factors, |_| 1.0))
@@ -244,12 +261,12 @@ pub fn basis_on<const D: usize, const ORDER: usize>(
     scratch.load(elements, element, x);
     out.clear();
     let mut w = Jet::ZERO;
-    for factor in elements.factors(element) {
+    for factor in scratch.factors() {
         let b = scratch.product::<ORDER>(factor.piece);
         accumulate::<D, ORDER>(&mut w, 1.0, &b);
         out.push(b);
     }
-    if elements.head(element).unity {
+    if scratch.local.unity() {
         return;
     }
     for b in out.iter_mut() {
@@ -284,7 +301,7 @@ pub fn basis<const D: usize>(mesh: &TMesh<D>, points: &[[f64; D]], order: usize)
                         1 => basis_on::<D, 1>(elements, e, &mut scratch, x, &mut row),
                         _ => basis_on::<D, 2>(elements, e, &mut scratch, x, &mut row),
                     }
-                    let factors = elements.factors(e);
+                    let factors = scratch.factors();
                     ranks.clear();
                     ranks.extend(0..factors.len() as u32);
                     ranks.sort_unstable_by_key(|&k| factors[k as usize].function);

@@ -2,6 +2,7 @@
 
 use crate::bspline::jet;
 use crate::element::{Elements, Factor};
+use crate::local::Local;
 
 /// One number a Gauss point; the first `2^D` count. Point l lies on the upper side along axis a iff bit a of l is 1.
 pub type Lanes = [f64; 8];
@@ -15,9 +16,10 @@ pub fn gauss_points() -> [f64; 2] {
     [0.5 - offset, 0.5 + offset]
 }
 
-/// Scratch of one thread: value and derivative of an element's univariate pieces at the Gauss points. 256 places an axis
+/// Scratch of one thread: an element, and value and derivative of an element's univariate pieces at the Gauss points. 256 places an axis
 /// make every `u8` a valid index.
 pub struct Gauss<const D: usize> {
+    local: Local<D>,
     pieces: Box<[[[Lanes; 2]; 256]; D]>,
 }
 
@@ -32,6 +34,7 @@ impl<const D: usize> Default for Gauss<D> {
 impl<const D: usize> Gauss<D> {
     pub fn new() -> Self {
         Self {
+            local: Local::new(),
             pieces: Box::new([[[[0.0; 8]; 2]; 256]; D]),
         }
     }
@@ -39,9 +42,10 @@ impl<const D: usize> Gauss<D> {
     /// Evaluate the element's pieces.
     pub fn load(&mut self, elements: &Elements<D>, element: usize) {
         let points = gauss_points();
-        let inverse = elements.head(element).inverse;
+        self.local.load(elements, element);
+        let inverse = self.local.head().inverse;
         for (a, axis) in self.pieces.iter_mut().enumerate() {
-            for (slot, cubic) in axis.iter_mut().zip(elements.pieces(element, a)) {
+            for (slot, cubic) in axis.iter_mut().zip(self.local.pieces(a)) {
                 let [low, high] = points.map(|t| jet(cubic, t));
                 for l in 0..1 << D {
                     let [value, slope, _] = if (l >> a) & 1 == 1 { high } else { low };
@@ -50,6 +54,11 @@ impl<const D: usize> Gauss<D> {
                 }
             }
         }
+    }
+
+    /// Basis functions on the element.
+    pub fn factors(&self) -> &[Factor<D>] {
+        self.local.factors()
     }
 
     /// Unnormalised B_i and its gradient at all points.
@@ -89,7 +98,7 @@ mod tests {
             for l in 0..1 << D {
                 let x = std::array::from_fn(|a| corner[a] + side[a] * gauss_points()[(l >> a) & 1]);
                 scratch.load(elements, e, &x);
-                for factor in elements.factors(e) {
+                for factor in scratch.factors() {
                     let slopes = gauss.product(factor);
                     let jet: Jet<D> = scratch.product::<1>(factor.piece);
                     assert!((slopes[0][l] - jet.value).abs() < 1e-13);

@@ -4,10 +4,12 @@
 //! sides, knots and their comparisons are exact. Results have the same bits for any number of threads: work is cut
 //! into fixed chunks and reductions run over them in order.
 
+mod active;
 pub mod assembly;
 pub mod bspline;
 pub mod bulk;
 pub mod cholesky;
+pub mod conjugate;
 pub mod contour;
 pub mod dense;
 pub mod dissection;
@@ -15,14 +17,23 @@ pub mod element;
 pub mod error;
 pub mod evaluate;
 pub mod gauss;
+pub mod hierarchy;
+pub mod lattice;
+pub mod local;
 pub mod mesh;
+mod part;
+pub mod patch;
 pub mod pattern;
 pub mod polynomial;
 pub mod project;
 pub mod refine;
+pub mod rows;
+pub mod sides;
 pub mod sign;
+pub mod surface;
 pub mod system;
 pub mod tree;
+pub mod walk;
 
 pub use error::{KernelError, Result};
 pub use mesh::TMesh;

@@ -38,6 +38,27 @@ pub struct Pattern {
     slots: Vec<u32>,
 }
 
+/// For every element the functions that act on it, in the order of its factors.
+struct Lists {
+    start: Vec<usize>,
+    functions: Vec<u32>,
+}
+
+impl Lists {
+    fn new<const D: usize>(elements: &Elements<D>) -> Self {
+        let (start, functions) = elements.functions();
+        Self { start, functions }
+    }
+
+    fn len(&self) -> usize {
+        self.start.len() - 1
+    }
+
+    fn of(&self, element: usize) -> &[u32] {
+        &self.functions[self.start[element]..self.start[element + 1]]
+    }
+}
+
 /// For every function the elements that it acts on and its number there.
 struct Owners {
     start: Vec<usize>,
@@ -55,9 +76,10 @@ impl Pattern {
     pub fn new<const D: usize>(elements: &Elements<D>, functions: usize) -> Result<Self> {
         let mut slot_start = Vec::with_capacity(elements.len() + 1);
         let mut products = 0;
+        let elements = Lists::new(elements);
         for e in 0..elements.len() {
             slot_start.push(products);
-            let k = elements.factors(e).len();
+            let k = elements.of(e).len();
             products += k * (k + 1) / 2;
         }
         slot_start.push(products);
@@ -66,8 +88,8 @@ impl Pattern {
                 "the normal equations would take {products} element products (limit {MAX_PRODUCTS}); use a coarser mesh"
             )));
         }
-        let owners = transpose(elements, functions);
-        let (row_start, columns) = neighbours(elements, functions, &owners);
+        let owners = transpose(&elements, functions);
+        let (row_start, columns) = neighbours(&elements, functions, &owners);
         let (lower_start, lower_of) = lower_triangle(&row_start, &columns);
         let group = elements.len().div_ceil(GROUPS).max(GROUP);
         let mut pattern = Self {
@@ -83,7 +105,7 @@ impl Pattern {
             slots: vec![0; products],
         };
         let rows = pattern.group_rows(&owners, elements.len().div_ceil(group));
-        pattern.fill_slots(elements, &owners, &rows);
+        pattern.fill_slots(&elements, &owners, &rows);
         Ok(pattern)
     }
 
@@ -206,12 +228,7 @@ impl Pattern {
         rows
     }
 
-    fn fill_slots<const D: usize>(
-        &mut self,
-        elements: &Elements<D>,
-        owners: &Owners,
-        rows: &[Vec<GroupRow>],
-    ) {
+    fn fill_slots(&mut self, elements: &Lists, owners: &Owners, rows: &[Vec<GroupRow>]) {
         let mut slots = std::mem::take(&mut self.slots);
         let mut rest = slots.as_mut_slice();
         let mut tasks = Vec::with_capacity(rows.len());
@@ -231,10 +248,10 @@ impl Pattern {
                     }
                     for &(e, a) in &owners.owner[row.owners.clone()] {
                         let (start, a) = (self.slot_start[e as usize] - begin, a as usize);
-                        for (b, f) in elements.factors(e as usize).iter().enumerate() {
-                            if f.function <= i {
+                        for (b, &j) in elements.of(e as usize).iter().enumerate() {
+                            if j <= i {
                                 let (high, low) = (a.max(b), a.min(b));
-                                out[start + high * (high + 1) / 2 + low] = place[f.function as usize];
+                                out[start + high * (high + 1) / 2 + low] = place[j as usize];
                             }
                         }
                     }
@@ -245,11 +262,11 @@ impl Pattern {
     }
 }
 
-fn transpose<const D: usize>(elements: &Elements<D>, functions: usize) -> Owners {
+fn transpose(elements: &Lists, functions: usize) -> Owners {
     let mut start = vec![0_usize; functions + 1];
     for e in 0..elements.len() {
-        for f in elements.factors(e) {
-            start[f.function as usize + 1] += 1;
+        for &i in elements.of(e) {
+            start[i as usize + 1] += 1;
         }
     }
     for i in 0..functions {
@@ -258,8 +275,8 @@ fn transpose<const D: usize>(elements: &Elements<D>, functions: usize) -> Owners
     let mut fill = start.clone();
     let mut owner = vec![(0, 0); start[functions]];
     for e in 0..elements.len() {
-        for (a, f) in elements.factors(e).iter().enumerate() {
-            let at = &mut fill[f.function as usize];
+        for (a, &i) in elements.of(e).iter().enumerate() {
+            let at = &mut fill[i as usize];
             owner[*at] = (e as u32, a as u32);
             *at += 1;
         }
@@ -268,11 +285,7 @@ fn transpose<const D: usize>(elements: &Elements<D>, functions: usize) -> Owners
 }
 
 /// Columns of the full matrix, row after row, ascending.
-fn neighbours<const D: usize>(
-    elements: &Elements<D>,
-    functions: usize,
-    owners: &Owners,
-) -> (Vec<usize>, Vec<u32>) {
+fn neighbours(elements: &Lists, functions: usize, owners: &Owners) -> (Vec<usize>, Vec<u32>) {
     let numbers: Vec<u32> = (0..functions as u32).collect();
     let blocks: Vec<(Vec<u32>, Vec<u32>)> = numbers
         .par_chunks(512)
@@ -286,11 +299,11 @@ fn neighbours<const D: usize>(
                 for &i in rows {
                     let begin = columns.len();
                     for &(e, _) in &owners.owner[owners.start[i as usize]..owners.start[i as usize + 1]] {
-                        for f in elements.factors(e as usize) {
-                            let mark = &mut seen[f.function as usize];
+                        for &j in elements.of(e as usize) {
+                            let mark = &mut seen[j as usize];
                             if *mark != i {
                                 *mark = i;
-                                columns.push(f.function);
+                                columns.push(j);
                             }
                         }
                     }

@@ -1,15 +1,15 @@
 //! A T-spline on one element as a quotient of two tensor polynomials: cheaper than the basis functions, and the cheapest
 //! by far once several points lie on the same element.
 
+use multiversion::multiversion;
+
 use crate::element::{Elements, Factor};
 use crate::evaluate::{quotient, Jet};
+use crate::local::{Cubics, Local};
 
 /// Coefficients of a tensor cubic: entry `4 i + j` (`16 i + 4 j + k` in 3D) belongs to `s^i t^j (u^k)`. The first axis
 /// is outermost, so that contracting it works on whole rows.
 pub type Tensor = [f64; 64];
-
-/// Room for the cubics of an element; 256 places an axis make every `u8` a valid index.
-type Cubics<const D: usize> = [[[f64; 4]; 256]; D];
 
 /// f = N / W on one element in its local coordinates. Made once a thread and loaded element by element.
 pub struct Quotient<const D: usize> {
@@ -19,7 +19,7 @@ pub struct Quotient<const D: usize> {
     unity: bool,
     corner: [f64; D],
     inverse: [f64; D],
-    cubics: Box<Cubics<D>>,
+    local: Local<D>,
 }
 
 impl<const D: usize> Default for Quotient<D> {
@@ -37,43 +37,26 @@ impl<const D: usize> Quotient<D> {
             unity: true,
             corner: [0.0; D],
             inverse: [1.0; D],
-            cubics: Box::new([[[0.0; 4]; 256]; D]),
+            local: Local::new(),
         }
     }
 
     /// Take the polynomials of the field with coefficients `c` on an element.
     pub fn load(&mut self, elements: &Elements<D>, element: usize, c: &[f64]) {
-        self.load_cubics(elements, element);
-        let head = elements.head(element);
-        (self.corner, self.inverse, self.unity) = (head.corner, head.inverse, head.unity);
-        let factors = elements.factors(element);
-        nested_sum(factors, &self.cubics, |i| c[i as usize], &mut self.numerator);
+        self.local.load(elements, element);
+        let head = self.local.head();
+        (self.corner, self.inverse, self.unity) = (head.corner, head.inverse, self.local.unity());
+        let (factors, cubics) = (self.local.factors(), self.local.cubics());
+        nested_sum(factors, cubics, Some(c), &mut self.numerator);
         if !self.unity {
-            nested_sum(factors, &self.cubics, |_| 1.0, &mut self.denominator);
+            nested_sum(factors, cubics, None, &mut self.denominator);
         }
     }
 
-    /// Whether sum B has the coefficients of the constant 1 on an element. Overwrites what was loaded.
-    pub(crate) fn is_unity(&mut self, elements: &Elements<D>, element: usize) -> bool {
-        self.load_cubics(elements, element);
-        nested_sum(
-            elements.factors(element),
-            &self.cubics,
-            |_| 1.0,
-            &mut self.numerator,
-        );
-        self.numerator[0] -= 1.0;
-        self.numerator[..4_usize.pow(D as u32)]
-            .iter()
-            .all(|s| s.abs() < 1e-13)
-    }
-
-    fn load_cubics(&mut self, elements: &Elements<D>, element: usize) {
-        for (a, axis) in self.cubics.iter_mut().enumerate() {
-            for (slot, cubic) in axis.iter_mut().zip(elements.pieces(element, a)) {
-                *slot = *cubic;
-            }
-        }
+    /// Take an element without its polynomials; those of the one before are lost.
+    pub fn select(&mut self, elements: &Elements<D>, element: usize) -> &Local<D> {
+        self.local.load(elements, element);
+        &self.local
     }
 
     /// Coefficients of N.
@@ -96,11 +79,11 @@ impl<const D: usize> Quotient<D> {
 
 /// Sum of weight times product of cubics over factors that are sorted by piece, last axis first: what shares its pieces
 /// along the later axes is summed along the first before it is multiplied out.
-#[inline]
-fn nested_sum<const D: usize>(
+#[multiversion(targets("x86_64+avx+avx2"))]
+pub(crate) fn nested_sum<const D: usize>(
     factors: &[Factor<D>],
     cubics: &Cubics<D>,
-    weight: impl Fn(u32) -> f64,
+    weights: Option<&[f64]>,
     sum: &mut Tensor,
 ) {
     sum.fill(0.0);
@@ -115,7 +98,7 @@ fn nested_sum<const D: usize>(
                 && factors[k].piece[1] == second
                 && (D == 2 || factors[k].piece[D - 1] == last)
             {
-                let w = weight(factors[k].function);
+                let w = weights.map_or(1.0, |c| c[factors[k].function as usize]);
                 let p = &cubics[0][factors[k].piece[0] as usize];
                 for i in 0..4 {
                     line[i] += w * p[i];

@@ -3,7 +3,7 @@
 use rustc_hash::FxHashSet;
 
 use crate::error::{KernelError, Result};
-use crate::mesh::TMesh;
+use crate::mesh::{uniform_tree, TMesh};
 use crate::tree::{unit_cell, Tree, MAX_LEVEL, SIDE};
 
 /// A graded mesh whose leaves have at least `levels[k]` in a block of `pad` cells (of that level) around `points[k]`, and
@@ -28,7 +28,7 @@ pub fn from_points<const D: usize>(
             levels[k]
         )));
     }
-    let mut tree = TMesh::<D>::uniform(base)?.tree().clone();
+    let mut tree = uniform_tree::<D>(base)?;
     // Deep blocks first: their grading makes most of the coarser ones, whose search then ends at once.
     let mut blocks: Vec<(u8, [u32; D])> = Vec::new();
     let mut seen = FxHashSet::default();

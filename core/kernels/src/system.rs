@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use crate::assembly::Worker;
 use crate::bulk::evaluate;
 use crate::cholesky::Factor;
+use crate::conjugate;
 use crate::dense::dots;
 use crate::dissection::Dissection;
 use crate::error::{KernelError, Result};
@@ -45,6 +46,9 @@ pub struct Equations<'a, const D: usize> {
     pub damping: f64,
     /// Relative residual at which the linear solve ends.
     pub tolerance: f64,
+    /// Iterations with the diagonal as the preconditioner, before a factor is used: in space a factor costs as much as
+    /// hundreds of them. 0: the factor at once.
+    pub diagonal: usize,
 }
 
 /// The solution of one step and how it was reached.
@@ -63,7 +67,8 @@ pub struct Rates {
 #[derive(Debug)]
 pub struct System<const D: usize> {
     pattern: Pattern,
-    dissection: Dissection,
+    /// Made for the first factor.
+    dissection: Option<Dissection>,
     partial: Vec<f64>,
     lower: Vec<f64>,
     full: Vec<f64>,
@@ -78,20 +83,27 @@ struct Buckets {
 impl<const D: usize> System<D> {
     pub fn new(mesh: &TMesh<D>) -> Result<Self> {
         let pattern = Pattern::new(mesh.elements(), mesh.num_functions())?;
-        let dissection = Dissection::new(mesh.anchors(), &pattern);
         Ok(Self {
             partial: vec![0.0; pattern.partial_len()],
             lower: vec![0.0; pattern.lower_start[pattern.size()]],
             full: vec![0.0; pattern.columns.len()],
             factor: None,
             pattern,
-            dissection,
+            dissection: None,
         })
     }
 
     /// Entries of the matrix and of its factor.
-    pub fn fill(&self) -> (usize, usize) {
-        (self.pattern.columns.len(), self.dissection.fill())
+    pub fn fill(&mut self, mesh: &TMesh<D>) -> (usize, usize) {
+        let (entries, dissection) = (self.pattern.columns.len(), self.take_dissection(mesh));
+        let fill = dissection.fill();
+        self.dissection = Some(dissection);
+        (entries, fill)
+    }
+
+    fn take_dissection(&mut self, mesh: &TMesh<D>) -> Dissection {
+        let made = self.dissection.take();
+        made.unwrap_or_else(|| Dissection::new(mesh.anchors(), &self.pattern))
     }
 
     /// Fill and solve. `warm` is a first guess of the rates.
@@ -104,7 +116,15 @@ impl<const D: usize> System<D> {
         let mut rates = warm
             .filter(|w| w.len() == size)
             .map_or_else(|| vec![0.0; size], <[f64]>::to_vec);
-        let (iterations, factorised) = self.conjugate_gradients(&mut rhs, &mut rates, eq.tolerance)?;
+        let (done, tried) = self.by_diagonal(&rhs, &mut rates, eq.tolerance, eq.diagonal);
+        let (iterations, factorised) = if done {
+            (tried, false)
+        } else {
+            let dissection = self.take_dissection(mesh);
+            let solved = self.conjugate_gradients(&dissection, &mut rhs, &mut rates, eq.tolerance);
+            self.dissection = Some(dissection);
+            solved.map(|(more, factorised)| (tried + more, factorised))?
+        };
         let flow = evaluate(mesh, &rates, eq.points, 0)?;
         let slope = evaluate(mesh, eq.coefficients, eq.points, 1)?;
         let realised = flow
@@ -165,9 +185,34 @@ impl<const D: usize> System<D> {
         }
     }
 
+    /// At most `limit` conjugate gradients, preconditioned by the diagonal; whether they reached the tolerance.
+    fn by_diagonal(&self, rhs: &[f64], x: &mut [f64], tolerance: f64, limit: usize) -> (bool, usize) {
+        if limit == 0 {
+            return (false, 0);
+        }
+        let p = &self.pattern;
+        let inverse: Vec<f64> = (0..p.size())
+            .map(|i| 1.0 / self.lower[p.lower_start[i + 1] - 1].max(f64::MIN_POSITIVE))
+            .collect();
+        let size = |v: &[f64]| -> f64 {
+            let squares = v.iter().zip(&inverse).map(|(v, i)| v * v * i);
+            squares.sum::<f64>().sqrt()
+        };
+        let residual: Vec<f64> = self.multiply(x).iter().zip(rhs).map(|(q, b)| b - q).collect();
+        let part = tolerance * size(rhs) / size(&residual).max(f64::MIN_POSITIVE);
+        let multiply = |p: &[f64], q: &mut [f64]| self.multiply_into(p, q);
+        let (change, iterations, done) =
+            conjugate::conjugate_gradients(multiply, residual, &inverse, part, limit);
+        for (x, change) in x.iter_mut().zip(change) {
+            *x += change;
+        }
+        (done, iterations)
+    }
+
     /// Conjugate gradients, preconditioned by the last factor; a new one is made when the old no longer serves.
     fn conjugate_gradients(
         &mut self,
+        dissection: &Dissection,
         rhs: &mut [f64],
         x: &mut [f64],
         tolerance: f64,
@@ -179,15 +224,15 @@ impl<const D: usize> System<D> {
         }
         let mut total = 0;
         if let Some(factor) = self.factor.take() {
-            let (done, iterations) = self.iterate(&factor, rhs, x, target, PATIENCE);
+            let (done, iterations) = self.iterate((&factor, dissection), rhs, x, target, PATIENCE);
             total += iterations;
             if done {
                 self.factor = Some(factor);
                 return Ok((total, false));
             }
         }
-        let factor = Factor::new(&self.pattern, &self.dissection, &self.lower)?;
-        let (done, iterations) = self.iterate(&factor, rhs, x, target, LIMIT);
+        let factor = Factor::new(&self.pattern, dissection, &self.lower)?;
+        let (done, iterations) = self.iterate((&factor, dissection), rhs, x, target, LIMIT);
         total += iterations;
         self.factor = Some(factor);
         if done {
@@ -199,7 +244,14 @@ impl<const D: usize> System<D> {
         }
     }
 
-    fn iterate(&self, factor: &Factor, b: &[f64], x: &mut [f64], target: f64, limit: usize) -> (bool, usize) {
+    fn iterate(
+        &self,
+        (factor, dissection): (&Factor, &Dissection),
+        b: &[f64],
+        x: &mut [f64],
+        target: f64,
+        limit: usize,
+    ) -> (bool, usize) {
         let n = b.len();
         let mut r = self.multiply(x);
         for (r, b) in r.iter_mut().zip(b) {
@@ -218,7 +270,7 @@ impl<const D: usize> System<D> {
             {
                 return (false, iteration);
             }
-            factor.solve(&self.dissection, &r, &mut z);
+            factor.solve(dissection, &r, &mut z);
             let new = dot(&r, &z);
             let beta = if iteration == 0 { 0.0 } else { new / old };
             for (p, z) in p.iter_mut().zip(&z) {
@@ -239,19 +291,24 @@ impl<const D: usize> System<D> {
     }
 
     fn multiply(&self, x: &[f64]) -> Vec<f64> {
+        let mut q = vec![0.0; x.len()];
+        self.multiply_into(x, &mut q);
+        q
+    }
+
+    fn multiply_into(&self, x: &[f64], q: &mut [f64]) {
         let p = &self.pattern;
-        (0..p.size())
-            .into_par_iter()
+        q.par_iter_mut()
+            .enumerate()
             .with_min_len(1024)
-            .map(|i| {
+            .for_each(|(i, q)| {
                 let range = p.row_start[i]..p.row_start[i + 1];
-                self.full[range.clone()]
+                *q = self.full[range.clone()]
                     .iter()
                     .zip(&p.columns[range])
                     .map(|(a, &j)| a * x[j as usize])
-                    .sum()
-            })
-            .collect()
+                    .sum();
+            });
     }
 }
 

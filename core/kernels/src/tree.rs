@@ -65,10 +65,11 @@ impl<const D: usize> Tree<D> {
         (self.nodes.len() * ((1 << D) - 1)).div_ceil(1 << D)
     }
 
-    fn descend(&self, p: [u32; D]) -> usize {
+    /// The cell at `p` of `level`, or the leaf above it.
+    fn descend(&self, p: [u32; D], level: u8) -> usize {
         let mut node = 0;
         let mut shift = MAX_LEVEL;
-        while self.children[node] != NONE {
+        while self.children[node] != NONE && shift > MAX_LEVEL - level {
             shift -= 1;
             let mut child = 0;
             for a in 0..D {
@@ -77,6 +78,13 @@ impl<const D: usize> Tree<D> {
             node = (self.children[node] + child) as usize;
         }
         node
+    }
+
+    /// The child at `p` of a node that has children.
+    fn child(&self, node: usize, p: [u32; D]) -> usize {
+        let half = SIDE >> (self.nodes[node].level + 1);
+        let child: u32 = (0..D).map(|a| u32::from(p[a] & half != 0) << a).sum();
+        (self.children[node] + child) as usize
     }
 
     fn split(&mut self, node: usize) {
@@ -118,35 +126,30 @@ impl<const D: usize> Tree<D> {
 
     /// Split until the leaf at `p` has at least `level`.
     pub fn deepen(&mut self, p: [u32; D], level: u8) {
-        let mut node = self.descend(p);
+        let mut node = self.descend(p, level);
         while self.nodes[node].level < level {
             self.split(node);
-            node = self.descend(p);
+            node = self.child(node, p);
         }
     }
 
-    /// Split until cells that touch, corners included, differ by one level at most.
+    /// Split until cells that touch, corners included, differ by one level at most: that is, until all neighbours of a
+    /// cell with children are cells too.
     pub fn grade(&mut self) {
         let mut queue: Vec<usize> = (0..self.nodes.len())
-            .filter(|&k| self.children[k] == NONE)
+            .filter(|&k| self.children[k] != NONE)
             .collect();
         while let Some(node) = queue.pop() {
             let cell = self.nodes[node];
-            if self.children[node] != NONE || cell.level < 2 {
-                continue;
-            }
             for direction in 0..3_usize.pow(D as u32) {
                 let Some(p) = neighbour_probe(&cell, direction) else {
                     continue;
                 };
-                loop {
-                    let other = self.descend(p);
-                    if self.nodes[other].level + 1 >= cell.level {
-                        break;
-                    }
+                let mut other = self.descend(p, cell.level);
+                while self.nodes[other].level < cell.level {
                     self.split(other);
-                    let first = self.children[other] as usize;
-                    queue.extend(first..first + (1 << D));
+                    queue.push(other);
+                    other = self.child(other, p);
                 }
             }
         }
@@ -167,9 +170,9 @@ impl<const D: usize> Tree<D> {
                 stack.extend((first..first + (1 << D)).rev());
             }
         }
-        // As fine as a lattice may be without outgrowing the tree itself.
+        // As fine as a lattice may be without outgrowing what the tree itself takes.
         let mut level = 0_u8;
-        while level < 8 && 1_usize << (D * (usize::from(level) + 1)) <= self.nodes.len() {
+        while level < 8 && 1_usize << (D * (usize::from(level) + 1)) <= 4 * self.nodes.len() {
             level += 1;
         }
         self.shortcut = vec![0; 1 << (D * usize::from(level))];
@@ -239,29 +242,23 @@ impl<const D: usize> Tree<D> {
         Ok(tree)
     }
 
-    /// Call `visit(leaf number)` for every leaf whose interior meets the box `(lo, hi)`. `stack` is work space.
-    pub fn for_each_overlap(
-        &self,
-        lo: [u32; D],
-        hi: [u32; D],
-        stack: &mut Vec<usize>,
-        mut visit: impl FnMut(usize),
-    ) {
-        stack.clear();
-        stack.push(0);
-        while let Some(node) = stack.pop() {
-            let cell = &self.nodes[node];
-            let side = cell.side();
-            if (0..D).any(|a| cell.corner[a] >= hi[a] || cell.corner[a] + side <= lo[a]) {
-                continue;
-            }
-            if self.children[node] == NONE {
-                visit(self.number[node] as usize);
-            } else {
-                let first = self.children[node] as usize;
-                stack.extend((first..first + (1 << D)).rev());
-            }
-        }
+    /// First of a node's `2^D` children, which are numbered in a row; `None` for a leaf. Node 0 is the root.
+    #[inline]
+    pub fn children(&self, node: usize) -> Option<usize> {
+        let first = self.children[node];
+        (first != NONE).then_some(first as usize)
+    }
+
+    /// Corner and level of a node.
+    #[inline]
+    pub fn cell(&self, node: usize) -> &Leaf<D> {
+        &self.nodes[node]
+    }
+
+    /// Leaf number of a node that is a leaf. Only after `finish`.
+    #[inline]
+    pub fn number(&self, node: usize) -> usize {
+        self.number[node] as usize
     }
 }
 

@@ -1,6 +1,6 @@
 //! The same bits on any number of threads.
 
-use tspline_kernels::{bulk, contour, project, refine, Equations, System, TMesh};
+use tspline_kernels::{bulk, contour, project, refine, surface, Equations, System, TMesh};
 
 fn on<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
     rayon::ThreadPoolBuilder::new()
@@ -67,6 +67,7 @@ fn evaluate_and_solve<const D: usize>(level: u8, threads: usize) -> Vec<Vec<u64>
             fairness: 1e-6,
             damping: 1e-7,
             tolerance: 1e-10,
+            diagonal: 0,
         };
         let mut system = System::new(&mesh).unwrap();
         let first = system.solve(&mesh, &equations, None).unwrap();
@@ -75,6 +76,12 @@ fn evaluate_and_solve<const D: usize>(level: u8, threads: usize) -> Vec<Vec<u64>
             ..equations
         };
         let second = system.solve(&mesh, &heavier, Some(&first.rates)).unwrap();
+        let loose = Equations {
+            tolerance: 1e-3,
+            diagonal: 300,
+            ..heavier
+        };
+        let third = system.solve(&mesh, &loose, Some(&first.rates)).unwrap();
         vec![
             bits(&field.values),
             bits(field.gradients.as_flattened()),
@@ -82,6 +89,7 @@ fn evaluate_and_solve<const D: usize>(level: u8, threads: usize) -> Vec<Vec<u64>
             bits(&first.rates),
             bits(&first.realised),
             bits(&second.rates),
+            bits(&third.rates),
             bits(system.matrix().2),
             bits(&[first.gradient_deviation, second.gradient_deviation]),
         ]
@@ -114,4 +122,22 @@ fn loops() {
     };
     let one = lines(1);
     assert!(lines(2) == one && lines(5) == one);
+}
+
+#[test]
+fn surfaces() {
+    let triangles = |threads| {
+        on(threads, || {
+            let mesh = graded::<3>(5);
+            let s = surface::surface(&mesh, &ball(&mesh), 1).unwrap();
+            assert!(s.triangles.len() > 10_000);
+            (
+                s.triangles,
+                bits(s.vertices.as_flattened()),
+                bits(s.normals.as_flattened()),
+            )
+        })
+    };
+    let one = triangles(1);
+    assert!(triangles(2) == one && triangles(5) == one);
 }

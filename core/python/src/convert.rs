@@ -1,6 +1,8 @@
 //! The one place where arrays and errors cross the border.
 
-use numpy::{PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{
+    IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods,
+};
 use pyo3::exceptions::{PyMemoryError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use tspline_kernels::KernelError;
@@ -42,9 +44,18 @@ pub fn points<'a, const D: usize>(array: &'a Points<'_>, name: &str) -> PyResult
             array.as_array().ncols()
         )));
     }
+    // `as_slice` takes column-major arrays too, and would read them in the wrong order.
     let flat = array
         .as_slice()
-        .map_err(|_| PyValueError::new_err(format!("{name} must be C-contiguous")))?;
+        .ok()
+        .filter(|_| array.is_c_contiguous())
+        .ok_or_else(|| PyValueError::new_err(format!("{name} must be C-contiguous")))?;
     // Whole rows only: the array has D columns.
     Ok(bytemuck::cast_slice(flat))
+}
+
+/// Rows of N numbers as an array (n, N).
+pub fn table<const N: usize>(py: Python<'_>, rows: Vec<[f64; N]>) -> PyResult<Bound<'_, PyArray2<f64>>> {
+    let count = rows.len();
+    rows.into_flattened().into_pyarray(py).reshape([count, N])
 }

@@ -3,7 +3,9 @@
 // Arguments arrive from Python by value.
 #![allow(clippy::needless_pass_by_value)]
 
+mod cloud;
 mod convert;
+mod hierarchy;
 mod mesh;
 mod system;
 
@@ -12,6 +14,10 @@ use pyo3::prelude::*;
 /// Compiled kernels of the T-spline level-set toolkit; everything lives in the unit box.
 #[pymodule]
 mod _core {
+    #[pymodule_export]
+    use super::cloud::{locate_cells, planes, sides_of};
+    #[pymodule_export]
+    use super::hierarchy::Hierarchy;
     #[pymodule_export]
     use super::mesh::TMesh;
     #[pymodule_export]

@@ -8,7 +8,7 @@ use pyo3::prelude::*;
 use tspline_kernels::evaluate::{self, Jet};
 use tspline_kernels::refine;
 use tspline_kernels::tree::{Leaf, Tree};
-use tspline_kernels::{bulk, contour, project, TMesh as Kernel};
+use tspline_kernels::{bulk, contour, project, surface, TMesh as Kernel};
 
 use crate::convert::{points, raise, run, values, Points, Values};
 
@@ -52,6 +52,12 @@ type Rows<'py> = (
     Vec<Bound<'py, PyArray1<f64>>>,
 );
 
+type Triangles<'py> = (
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray2<i64>>,
+);
+
 /// A frozen T-mesh over the unit box.
 #[pyclass(frozen, module = "tspline._core")]
 pub struct TMesh {
@@ -93,6 +99,13 @@ fn plane(mesh: &Mesh, what: &str) -> PyResult<Arc<Kernel<2>>> {
     match mesh {
         Mesh::Plane(m) => Ok(Arc::clone(m)),
         Mesh::Space(_) => Err(PyValueError::new_err(format!("{what} is for planar meshes"))),
+    }
+}
+
+fn space(mesh: &Mesh, what: &str) -> PyResult<Arc<Kernel<3>>> {
+    match mesh {
+        Mesh::Space(m) => Ok(Arc::clone(m)),
+        Mesh::Plane(_) => Err(PyValueError::new_err(format!("{what} is for meshes in space"))),
     }
 }
 
@@ -315,6 +328,20 @@ impl TMesh {
         Ok((
             flat(loops.vertices).into_pyarray(py).reshape([n, 2])?,
             start.into_pyarray(py),
+        ))
+    }
+
+    /// Closed triangle mesh on the zero set of a T-spline in space: vertices (n, 3), unit normals (n, 3), triangles (m, 3);
+    /// the lattice is `2^subdivision` times as fine as the smallest leaves that the zero set visits.
+    fn surface<'py>(&self, py: Python<'py>, c: Values<'py>, subdivision: i8) -> PyResult<Triangles<'py>> {
+        let c = values(&c, "coefficients")?;
+        let mesh = space(&self.inner, "surface")?;
+        let s = run(py, || surface::surface(&mesh, c, subdivision))?;
+        let (n, m) = (s.vertices.len(), s.triangles.len());
+        Ok((
+            flat(s.vertices).into_pyarray(py).reshape([n, 3])?,
+            flat(s.normals).into_pyarray(py).reshape([n, 3])?,
+            s.triangles.into_flattened().into_pyarray(py).reshape([m, 3])?,
         ))
     }
 

@@ -53,7 +53,7 @@ impl System {
 
     /// Rates, realised normal speeds at the samples, rms of |grad f| - 1, iterations, whether a new factor was made.
     #[pyo3(signature = (c, samples, weights, speed, smoothing, *, time_step, constraint_weight, relaxation,
-        constraint_band, far_weight, fairness, damping, tolerance, plain=false, warm=None))]
+        constraint_band, far_weight, fairness, damping, tolerance, plain=false, warm=None, diagonal=0))]
     fn solve<'py>(
         &self,
         py: Python<'py>,
@@ -72,6 +72,7 @@ impl System {
         tolerance: f64,
         plain: bool,
         warm: Option<Values<'py>>,
+        diagonal: usize,
     ) -> PyResult<Solution<'py>> {
         let c = values(&c, "coefficients")?;
         let (weights, speed) = (values(&weights, "weights")?, values(&speed, "speed")?);
@@ -95,6 +96,7 @@ impl System {
                     damping,
                     tolerance,
                     plain,
+                    diagonal,
                 };
                 run(py, || $kernel.solve($m, &equations, warm))?
             }};
@@ -134,10 +136,10 @@ impl System {
     /// Entries of the matrix and of its factor.
     #[getter]
     fn fill(&self) -> PyResult<(usize, usize)> {
-        let inner = self.inner.lock().map_err(poisoned)?;
-        Ok(match &*inner {
-            Inner::Plane(_, kernel) => kernel.fill(),
-            Inner::Space(_, kernel) => kernel.fill(),
+        let mut inner = self.inner.lock().map_err(poisoned)?;
+        Ok(match &mut *inner {
+            Inner::Plane(m, kernel) => kernel.fill(m),
+            Inner::Space(m, kernel) => kernel.fill(m),
         })
     }
 }

@@ -1,0 +1,428 @@
+"""The way from a surface cloud to its T-spline: orientation, levels coarse to fine, the T-mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from recon.orientation import Orientation
+from recon.outliers import isolated
+from recon.point_cloud import PointCloud
+from recon.support import supported
+from recon.surface_scale import SurfaceScale
+from tspline import TMesh, TSpline, _core
+from tspline.contour import Triangles
+from tspline.evolve import EvolutionStep, StepRecord
+from tspline.evolve.evolution import Callback
+
+__all__ = ["SpatialFit", "SpatialSettings"]
+
+Floats = NDArray[np.float64]
+Cells = NDArray[np.uint32]
+
+UNIT = np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
+
+#: Level that fills the whole box, and the first one near the data alone.
+BASE = 4
+
+#: Smoothing length in spacings of clean points: a trace, so that cells without points are determined.
+TRACE = 0.15
+
+#: Smoothing length with which the noise of the points is read off the residuals, in spacings.
+PROBE = 0.3
+
+#: Residuals of that fit understate the noise, as it follows the points a little.
+UNDERSTATED = 1.1 * 1.4826
+
+#: Smoothing length of noisy points over (noise * spacing)^(1/4), both in units of the box: the optimum of eight shapes
+#: at 1,000, 10,000 and 100,000 points lies within a tenth of it. The exponent balances what is left of the noise,
+#: noise * spacing / length, with the error at the shape's own curvatures, which grows as length^3.
+SMOOTH = 0.07
+
+#: Curvature beyond which bending costs less, 1 / box: creases and ridges of the distance are not smoothed away.
+KINK = 60.0
+
+#: Length that weighs errors of the direction against errors of the place, in spacings or standard deviations.
+DIRECTION = 0.3
+
+#: The same for the slope alone, in standard deviations.
+SLOPE = 0.7
+
+#: Weight of the distances off the surface relative to the data: it tells the sides and does not move the surface.
+FAR = 0.004
+
+#: Of fewer points the far field must hold more.
+SPARSE = 1000
+
+#: Cells an axis beyond which the coarser levels have settled the sides.
+FAR_CELLS = 64
+
+#: Residuals beyond this length count less (Cauchy's weights); in spacings and standard deviations.
+ROBUST = (1.5, 3.0)
+
+#: A point is a stranger when its residual is more than this many spacings, standard deviations, and times what is usual
+#: among its neighbours: points at creases have neighbours with large residuals, strangers have not.
+STRANGE = (0.7, 5.0, 10.0)
+NEIGHBOURS = 12
+
+#: Clean points: typical residual in spacings above which all cells at the zero set are split, and the root mean square
+#: of one cell above which it is split alone.
+GLOBAL = 0.004
+LOCAL = 0.2
+
+#: Splitting all cells stops where this many coefficients, or this many a point, would be exceeded; a cell at the zero
+#: set takes about `PER_CELL` of them.
+ENOUGH = (100_000, 4.0)
+PER_CELL = 5.5
+
+#: Noisy points: side of the cells, in smoothing lengths, above which all cells at the zero set are split.
+WIDE = 6.0
+
+#: Errors at T-junctions that are made good, in spacings and standard deviations.
+SPOILT = (0.005, 0.1)
+
+#: Side of the smallest cells in spacings, where all are split and where some are; and in smoothing lengths of noisy
+#: points.
+FINEST = (0.4, 0.6)
+FINEST_SMOOTH = 2.0
+
+#: Noisy points: a mean residual beyond this many of its own standard deviations is detail.
+SIGNIFICANT = 4.0
+
+
+@dataclass(frozen=True)
+class SpatialSettings:
+    """Limits of a spatial fit; lengths in the unit box.
+
+    Attributes
+    ----------
+    tolerance : float or None
+        Residual (root mean square of a cell) at which cells are no longer split; by default what noise and spacing
+        allow.
+    max_level : int or None
+        Deepest level of a cell.
+    start : callable or None
+        A field over the unit box whose sign tells inside from outside; by default the cloud's own tetrahedra do.
+    """
+
+    tolerance: float | None = None
+    max_level: int | None = None
+    start: Callable[[Floats], Floats] | None = None
+
+
+@dataclass
+class SpatialFit:
+    """A fit in progress; lengths in the unit box."""
+
+    cloud: PointCloud
+    settings: SpatialSettings
+    callback: Callback | None = None
+    history: list[StepRecord] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    stopped: bool = False
+    triangles: Triangles | None = None
+
+    def __post_init__(self) -> None:
+        every = self.cloud.points
+        alone = isolated(every)
+        self._points = every[~alone]
+        self._left_out = int(alone.sum())
+        scale = SurfaceScale.from_points(self._points)
+        self.spacing, self.noise = scale.spacing, scale.noise
+        given = None if self.cloud.normals is None else self.cloud.normals[~alone]
+        self._orientation = Orientation.from_points(self._points, scale, given, self.settings.start)
+        nearest = cKDTree(self._orientation.points).query(self._points)[1]
+        self._normals = self._orientation.normals[nearest]
+        self._trust = self._orientation.trust[nearest]
+        self._weights = self.cloud.weights[~alone]
+        self._tree = cKDTree(self._points)
+        self._residual = np.zeros(len(self._points))
+        self._hierarchy = _core.Hierarchy(BASE)
+        self._cells: list[Cells] = [lattice(1 << BASE)]
+        #: Whether some cells were split alone: T-junctions cross the surface there, once and no more.
+        self._local = False
+
+    def run(self) -> tuple[TSpline, Floats, int]:
+        """The spline over the unit box, the residuals of the distinct points, and the status."""
+        self._solve(PROBE * self.spacing)
+        self._refine(_core.Hierarchy.around(cells_of(self._points, self._level + 1), 2 << self._level, 1))
+        self._solve(PROBE * self.spacing)
+        self.noise = min(self.noise, UNDERSTATED * float(np.median(np.abs(self._residual))))
+        if not self._is_noisy:
+            self.noise = 0.0
+        while not self.stopped:
+            self._leave_out_strangers()
+            self._solve(self._smoothing)
+            if self._level >= self._deepest(FINEST[0]):
+                break
+            asked = self._asked(self._residual)
+            if not len(asked):
+                break
+            self._refine(asked)
+        if self._left_out:
+            self.warnings.append(f"{self._left_out} outliers were left out")
+        spline, self.triangles, removed = supported(self.spline(), self._points)
+        if self.triangles.in_wall.any():
+            self.warnings.append("the surface runs into the box and is cut there: too few points, or open data")
+        if removed:
+            self.warnings.append(f"{removed} closed surfaces without data were removed")
+        value, slope = spline(self.cloud.points), np.linalg.norm(spline.gradient(self.cloud.points), axis=1)
+        return spline, value / np.maximum(slope, 0.3), 3 if self.stopped else 0
+
+    @property
+    def _level(self) -> int:
+        """Level of the finest lattice."""
+        return BASE + len(self._cells) - 1
+
+    @property
+    def _is_noisy(self) -> bool:
+        return self.noise > 0.12 * self.spacing
+
+    @property
+    def _smoothing(self) -> float:
+        """Smoothing length."""
+        if self._is_noisy:
+            return float(SMOOTH * (self.noise * self.spacing) ** 0.25)
+        return TRACE * self.spacing
+
+    def _deepest(self, spacings: float) -> int:
+        """Level beyond which cells hold no information."""
+        side = FINEST_SMOOTH * self._smoothing if self._is_noisy else spacings * self.spacing
+        level = int(np.clip(np.floor(-np.log2(side)), BASE + 1, 10))
+        return level if self.settings.max_level is None else min(level, self.settings.max_level)
+
+    def _refine(self, cells: Cells) -> None:
+        self._hierarchy.refine(cells)
+        self._cells.append(cells)
+
+    def _asked(self, residual: Floats) -> Cells:
+        """Cells of the next level that the residuals ask for: all at the zero set, some of them, or none."""
+        if self._local:
+            return self._cells[-1][:0]
+        children: Cells = (2 * self._cells[-1][:, None] + lattice(2)).reshape(-1, 3)
+        center = (children + 0.5) / (2 << self._level)
+        value, gradient, _ = self._hierarchy.evaluate(center)
+        crossed = np.abs(value) <= 0.9 * np.linalg.norm(gradient, axis=1) / (2 << self._level)
+        held = np.isin(keys(children), keys(cells_of(self._points, self._level + 1)))
+        children = children[crossed | held]
+        if self._wants_all(residual, len(children)):
+            return children
+        if self._level >= self._deepest(FINEST[1]):
+            return children[:0]
+        self._local = True
+        key, member = np.unique(keys(cells_of(self._points, self._level)), return_inverse=True)
+        number = np.bincount(member, minlength=len(key)).astype(np.float64)
+        square = np.sqrt(np.bincount(member, residual**2) / number)
+        if self._is_noisy:
+            bad = np.abs(np.bincount(member, residual)) > SIGNIFICANT * self.noise * np.sqrt(number)
+        else:
+            bad = square > LOCAL * self.spacing
+        if self.settings.tolerance is not None:
+            bad &= square > self.settings.tolerance
+        chosen = cells_of(self._points[bad[member]], self._level + 1)
+        if not len(chosen):
+            return chosen
+        wide = keys(_core.Hierarchy.around(chosen, 2 << self._level, 1))
+        return np.ascontiguousarray(children[np.isin(keys(children), wide)])
+
+    def _wants_all(self, residual: Floats, count: int) -> bool:
+        """Whether the finest cells are too wide for the whole surface, not only for its creases."""
+        if PER_CELL * count > max(ENOUGH[0], ENOUGH[1] * len(self._points)):
+            return False
+        if self._is_noisy:
+            return 1.0 / (1 << self._level) > WIDE * self._smoothing
+        typical = 1.4826 * float(np.median(np.abs(residual)))
+        limit = self.settings.tolerance
+        return typical > GLOBAL * self.spacing and (limit is None or typical > limit)
+
+    def _leave_out_strangers(self) -> None:
+        """Drop points that are off the surface although their neighbours are on it."""
+        away = np.abs(self._residual)
+        suspects = np.flatnonzero(away > max(STRANGE[0] * self.spacing, STRANGE[1] * self.noise))
+        if not len(suspects):
+            return
+        count = min(NEIGHBOURS, len(away) - 1) + 1
+        beside = self._tree.query(self._points[suspects], k=count)[1][:, 1:]
+        stay = np.ones(len(away), dtype=bool)
+        stay[suspects] = away[suspects] <= STRANGE[2] * np.median(away[beside], axis=1)
+        if stay.all() or np.count_nonzero(stay) < len(away) // 2:
+            return
+        self._left_out += int(np.count_nonzero(~stay))
+        self._points, self._normals = self._points[stay], self._normals[stay]
+        self._trust, self._weights, self._residual = self._trust[stay], self._weights[stay], self._residual[stay]
+        self._tree = cKDTree(self._points)
+
+    def _solve(self, smoothing: float) -> None:
+        """Fit the finest lattice to the points that its cells hold; sets the residuals of all points."""
+        level, n = self._level, 1 << self._level
+        fine = level > BASE
+        before, gradient, _ = self._hierarchy.evaluate(self._points)
+        held = np.flatnonzero(np.isin(keys(cells_of(self._points, level)), keys(self._cells[-1])))
+        robust = np.ones(len(held))
+        if fine:
+            limit = max(ROBUST[0] * self.spacing, ROBUST[1] * self.noise)
+            away = before[held] / np.maximum(np.linalg.norm(gradient[held], axis=1), 0.3)
+            robust = 1.0 / (1.0 + (away / limit) ** 2)
+        points, normals, trust, weights = gathered(
+            self._points[held],
+            self._normals[held],
+            self._trust[held],
+            self._weights[held] * robust,
+            1.0 / (3 * n),
+            self._is_noisy,
+        )
+        weights = weights * self.spacing**2
+        far, distance = self._far(n)
+        place = np.concatenate([points, far])
+        target = np.concatenate([np.zeros(len(points)), distance])
+        weight = np.concatenate([weights, np.full(len(far), FAR * max(1.0, SPARSE / len(points)) / n**2)])
+        none = np.zeros((len(far), 3))
+        direction = (DIRECTION * max(self.spacing, self.noise)) ** 2 * weights
+        # Noise across the surface rewards a flat field; the weight of the slope must outweigh that.
+        unit_slope = max(DIRECTION * self.spacing, SLOPE * self.noise) ** 2 * weights
+        iterations = 0
+        for turn in range(2 if fine else 1):
+            if turn:
+                _, gradient, _ = self._hierarchy.evaluate(points)
+                length = np.linalg.norm(gradient, axis=1, keepdims=True)
+                normals = gradient / np.maximum(length, 1e-12)
+            did, _, unknowns = self._hierarchy.fit(
+                place,
+                weight,
+                target,
+                np.concatenate([unit_slope if turn else direction * trust, np.zeros(len(far))]),
+                np.concatenate([normals, none]),
+                smoothing=smoothing,
+                kink=KINK if turn and self._is_noisy else 0.0,
+                tangential=0.0 if turn else 1.0,
+                tolerance=1e-3 if turn else 1e-2,
+                max_iterations=300,
+            )
+            iterations += did
+        value, gradient, _ = self._hierarchy.evaluate(self._points)
+        self._residual = value / np.maximum(np.linalg.norm(gradient, axis=1), 0.3)
+        self._record(level, value - before, iterations, unknowns)
+
+    def _far(self, n: int) -> tuple[Floats, Floats]:
+        """Places off the surface near the finest lattice's cells, and their signed distances from the points."""
+        base = n == 1 << BASE
+        if not base and (n > FAR_CELLS or FINEST[1] * self.spacing * n > 1.0):
+            return np.empty((0, 3)), np.empty(0)
+        cells = self._cells[-1]
+        if base:
+            corners = lattice(n + 1)
+            places = np.concatenate([(cells + 0.5) / n, corners / n])
+        else:
+            places = (_core.Hierarchy.around(cells, n, 1) + 0.5) / n
+        distance = self._tree.query(places)[0]
+        clear = distance > self.spacing
+        places, distance = places[clear], distance[clear]
+        return places, distance * self._orientation.side(places)
+
+    def spline(self) -> TSpline:
+        """The hierarchy as a T-spline: exact in the band around the zero set where the T-mesh is uniform."""
+        places, levels = [], []
+        for level, cells in enumerate(self._cells[1:], BASE + 1):
+            cells = _core.Hierarchy.around(cells, 1 << level, 1)
+            center = (cells + 0.5) / (1 << level)
+            value, gradient, _ = self._hierarchy.evaluate(center)
+            near = np.abs(value) <= 0.9 * np.linalg.norm(gradient, axis=1) / (1 << level)
+            places.append(center[near])
+            levels.append(np.full(int(near.sum()), level, dtype=np.uint8))
+        mesh = TMesh.from_points(UNIT, np.concatenate(places), np.concatenate(levels), pad=1, base=3)
+        knots = np.ascontiguousarray(mesh.core.local_knots / float(1 << 20))
+        spline = TSpline(mesh, self._hierarchy.coefficients(knots))
+        if not self._local:
+            return spline
+        # T-junctions cross the surface between the last two levels.
+        center = np.concatenate(places[-2:])
+        side = 0.5 ** np.concatenate(levels[-2:]).astype(np.float64)
+        corners = np.stack(np.meshgrid(*[[-0.25, 0.25]] * 3), axis=-1).reshape(-1, 3)
+        samples = (center[:, None] + side[:, None, None] * corners).reshape(-1, 3)
+        return self._mended(spline, samples, 2.0 * float(side.max()))
+
+    def _mended(self, spline: TSpline, samples: Floats, reach: float) -> TSpline:
+        """The spline with what T-junctions at the zero set spoil made good, by least squares over samples there."""
+        off = self._hierarchy.evaluate(samples)[0] - spline(samples)
+        wrong = np.abs(off) > max(SPOILT[0] * self.spacing, SPOILT[1] * self.noise)
+        if not wrong.any():
+            return spline
+        near = np.isfinite(cKDTree(samples[wrong]).query(samples, distance_upper_bound=reach)[0])
+        basis = spline.basis_matrix(samples[near])
+        touched = np.unique(spline.basis_matrix(samples[wrong]).indices)
+        basis = basis[:, touched].tocsr()
+        back = basis.T.tocsr()
+        start = spline.coefficients.copy()
+        diagonal = np.asarray(basis.multiply(basis).sum(axis=0)).ravel()
+        ridge = 1e-3 * float(diagonal.mean())
+        inverse = 1.0 / (diagonal + ridge)
+        x, r = np.zeros(len(touched)), back @ off[near]
+        p = z = inverse * r
+        for _ in range(15):
+            q = back @ (basis @ p) + ridge * p
+            step = (r @ z) / (p @ q)
+            x, next_r = x + step * p, r - step * q
+            next_z = inverse * next_r
+            p = next_z + (next_r @ next_z) / (r @ z) * p
+            r, z = next_r, next_z
+        start[touched] += x
+        return TSpline(spline.mesh, start)
+
+    def _record(self, level: int, moved: Floats, iterations: int, unknowns: int) -> None:
+        finite = moved[np.isfinite(moved)]
+        travel = float(np.abs(finite).max()) if len(finite) else 0.0
+        rms = float(np.sqrt(np.mean(finite**2))) if len(finite) else 0.0
+        number = len(self.history) + 1
+        self.history.append(StepRecord(number, f"level {level}", 0.0, 1.0, travel, rms, 0.0, iterations, unknowns))
+        if self.callback is not None and level > BASE:
+            spline = self.spline()
+            step = EvolutionStep(number, f"level {level}", spline, travel, spline.num_coefficients)
+            self.stopped = self.callback(step) is True
+
+
+def lattice(n: int) -> Cells:
+    """All cells of a lattice with n cells an axis, shape (n^3, 3)."""
+    axis = np.arange(n, dtype=np.uint32)
+    return np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def cells_of(points: Floats, level: int) -> Cells:
+    """Cell of each point (n, 3) at a level, shape (n, 3)."""
+    n = 1 << level
+    return np.clip(np.floor(points * n), 0, n - 1).astype(np.uint32)
+
+
+def keys(cells: Cells) -> NDArray[np.int64]:
+    """One number a cell (n, 3), in the cells' order."""
+    order: NDArray[np.int64] = cells.astype(np.int64) @ np.array([1 << 42, 1 << 21, 1], dtype=np.int64)
+    return order
+
+
+def gathered(
+    points: Floats, normals: Floats, trust: Floats, weights: Floats, size: float, average: bool
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Points, normals, trust and weights with one point a cube of side `size` at most, where that saves a third.
+
+    Weights add up. Noisy points are averaged; of clean ones the heaviest stays, as a mean would leave the surface.
+    """
+    key, first, member = np.unique(
+        keys(np.floor(points / size).astype(np.uint32)), return_index=True, return_inverse=True
+    )
+    if len(key) > 0.7 * len(points):
+        return points, normals, trust, weights
+    total: Floats = np.bincount(member, weights).astype(np.float64)
+    if not average:
+        return points[first], normals[first], trust[first], total
+    share = weights / np.maximum(total[member], 1e-300)
+
+    def mean(rows: Floats) -> Floats:
+        sums: Floats = np.stack([np.bincount(member, share * c) for c in rows.T], axis=1).astype(np.float64)
+        return sums
+
+    direction = mean(normals)
+    direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-12)
+    return mean(points), direction, np.bincount(member, share * trust).astype(np.float64), total

@@ -1,0 +1,82 @@
+"""Closed surfaces that no data support."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from tspline import TSpline
+from tspline.contour import Triangles, triangulate
+
+__all__ = ["supported"]
+
+Floats = NDArray[np.float64]
+
+#: Points that a closed surface must be nearest to.
+LEAST = 4
+
+#: Rounds of removal: what a first one leaves of a part shows in the second.
+ROUNDS = 3
+
+
+def supported(spline: TSpline, points: Floats) -> tuple[TSpline, Triangles, int]:
+    """The spline without closed surfaces that fewer than four `points` (n, 3) are nearest to.
+
+    Returns
+    -------
+    spline : TSpline
+        Coefficients around removed parts have the sign of their surroundings; all others are as they were.
+    triangles : Triangles
+        The zero set that is left.
+    removed : int
+        Number of closed surfaces removed.
+    """
+    removed = 0
+    for _ in range(ROUNDS):
+        found = triangulate(spline)
+        number, label = parts(found)
+        if number < 2:
+            return spline, found, removed
+        tree = cKDTree(found.vertices)
+        nearest = label[tree.query(spline.mesh.to_unit(points))[1]]
+        lost = np.bincount(nearest, minlength=number) < LEAST
+        if not lost.any() or lost.all():
+            return spline, found, removed
+        removed += int(lost.sum())
+        spline = _without(spline, found, label, lost, tree)
+    return spline, triangulate(spline), removed
+
+
+def parts(found: Triangles) -> tuple[int, NDArray[np.int32]]:
+    """Number of closed surfaces, and that of each vertex, (n,)."""
+    count = len(found.vertices)
+    if count == 0:
+        return 0, np.empty(0, dtype=np.int32)
+    ends = found.edges
+    graph = coo_array((np.ones(len(ends), dtype=np.int8), (ends[:, 0], ends[:, 1])), shape=(count, count))
+    number, label = connected_components(graph, directed=False)
+    return int(number), label
+
+
+def _without(
+    spline: TSpline, found: Triangles, label: NDArray[np.int32], lost: NDArray[np.bool_], tree: cKDTree
+) -> TSpline:
+    corners = found.vertices[found.faces]
+    volume = np.einsum("nd,nd->n", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
+    sign = np.sign(np.bincount(label[found.faces[:, 0]], volume, len(lost)))
+    mesh = spline.mesh
+    anchors = mesh.to_unit(mesh.anchors)
+    reach = 3.0 / (1 << int(mesh.depth))
+    of_lost = cKDTree(found.vertices[lost[label]])
+    # What lies inside of a lost part may be far from its surface, but is nearer to it than to any other.
+    at = tree.query(anchors)[1]
+    inside = lost[label[at]] & (sign[label[at]] * spline.coefficients < 0)
+    rim = of_lost.query(anchors, distance_upper_bound=reach)[0] < reach
+    chosen = inside | (rim & lost[label[at]])
+    c = spline.coefficients.copy()
+    floor = reach * mesh.size / 3.0
+    c[chosen] = sign[label[at[chosen]]] * np.maximum(np.abs(c[chosen]), floor)
+    return TSpline(mesh, c, spline.metadata)

@@ -1,0 +1,85 @@
+"""Triangles on the zero set of a spline, in the unit box of its mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tspline.errors import require
+from tspline.spline import TSpline
+
+__all__ = ["Triangles", "triangulate"]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Triangles:
+    """A closed 2-manifold of triangles in the unit box, counter-clockwise seen from outside."""
+
+    spline: TSpline
+    """The spline whose zero set it approximates."""
+    vertices: Floats
+    """(n, 3), on the zero set, or on the box's faces where these close the shape."""
+    normals: Floats
+    """(n, 3), unit and outward: those of the field, or of the box."""
+    faces: Ints
+    """(m, 3), numbers of vertices."""
+
+    @cached_property
+    def edges(self) -> Ints:
+        """Each edge once, (3 m / 2, 2), smaller number first, in the order of the faces' sides that run that way."""
+        sides = self._sides
+        return sides[sides[:, 0] < sides[:, 1]]
+
+    @cached_property
+    def face_edges(self) -> Ints:
+        """Edges of each face, (m, 3): side k runs from the face's corner k to the next."""
+        sides = self._sides
+        forward = sides[:, 0] < sides[:, 1]
+        count = len(self.vertices)
+        key = np.where(forward, sides[:, 0] * count + sides[:, 1], sides[:, 1] * count + sides[:, 0])
+        order = np.argsort(key[forward])
+        numbers = order[np.searchsorted(key[forward], key, sorter=order)]
+        return numbers.reshape(-1, 3)
+
+    @cached_property
+    def on_wall(self) -> NDArray[np.bool_]:
+        """Whether a vertex lies in the lower and upper face of the box along each axis, (n, 3, 2)."""
+        return np.stack([self.vertices == 0.0, self.vertices == 1.0], axis=-1)
+
+    @cached_property
+    def in_wall(self) -> NDArray[np.bool_]:
+        """Whether a face lies in a face of the box and only closes the shape there, (m,)."""
+        shared = np.logical_and.reduce(self.on_wall[self.faces], axis=1)
+        inside: NDArray[np.bool_] = np.logical_or.reduce(shared, axis=(1, 2))
+        return inside
+
+    def slopes(self, points: Floats) -> tuple[Floats, Floats]:
+        """Values (k,) and gradients (k, 3) of the field in units of the box."""
+        spline = self.spline
+        value, gradient, _ = spline.mesh.core.evaluate(
+            spline.coefficients / spline.mesh.size, np.ascontiguousarray(points), 1
+        )
+        assert gradient is not None
+        return value, gradient
+
+    @property
+    def _sides(self) -> Ints:
+        return np.stack([self.faces, np.roll(self.faces, -1, axis=1)], axis=-1).reshape(-1, 2)
+
+
+def triangulate(spline: TSpline, subdivision: int = 0) -> Triangles:
+    """The zero set on a lattice `2**subdivision` times as fine as the smallest cells that it visits (-20 to 20)."""
+    require(spline.dim == 3, "spline", "a planar spline", "a spline in 3D")
+    require(-20 <= subdivision <= 20, "subdivision", subdivision, "-20 to 20")
+    found: Triangles | None = spline.triangulations.get(subdivision)
+    if found is None:
+        found = Triangles(spline, *spline.mesh.core.surface(spline.coefficients, subdivision))
+        if subdivision == 0:
+            spline.triangulations[subdivision] = found
+    return found

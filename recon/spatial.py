@@ -85,6 +85,9 @@ WIDE = 6.0
 #: Errors at T-junctions that are made good, in spacings and standard deviations.
 SPOILT = (0.005, 0.1)
 
+#: Samples that this takes at most.
+MOST = 30_000
+
 #: Side of the smallest cells in spacings, where all are split and where some are; and in smoothing lengths of noisy
 #: points.
 FINEST = (0.4, 0.6)
@@ -351,9 +354,12 @@ class SpatialFit:
         wrong = np.abs(off) > max(SPOILT[0] * self.spacing, SPOILT[1] * self.noise)
         if not wrong.any():
             return spline
-        near = np.isfinite(cKDTree(samples[wrong]).query(samples, distance_upper_bound=reach)[0])
+        near = np.flatnonzero(np.isfinite(cKDTree(samples[wrong]).query(samples, distance_upper_bound=reach)[0]))
+        # A row of the basis takes a few kilobytes while it is made.
+        near = near[:: 1 + len(near) // MOST]
         basis = spline.basis_matrix(samples[near])
-        touched = np.unique(spline.basis_matrix(samples[wrong]).indices)
+        spoilt = samples[wrong][:: 1 + np.count_nonzero(wrong) // (MOST // 4)]
+        touched = np.unique(spline.basis_matrix(spoilt).indices)
         basis = basis[:, touched].tocsr()
         back = basis.T.tocsr()
         start = spline.coefficients.copy()

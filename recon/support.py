@@ -15,15 +15,16 @@ __all__ = ["supported"]
 
 Floats = NDArray[np.float64]
 
-#: Points that a closed surface must be nearest to.
-LEAST = 4
+#: Points that a closed surface must be nearest to, and their number over the root of the cloud's: a few outliers that
+#: stand together make no part.
+LEAST = (4, 0.1)
 
 #: Rounds of removal: what a first one leaves of a part shows in the second.
 ROUNDS = 3
 
 
 def supported(spline: TSpline, points: Floats) -> tuple[TSpline, Triangles, int]:
-    """The spline without closed surfaces that fewer than four `points` (n, 3) are nearest to.
+    """The spline without closed surfaces that hardly any of the `points` (n, 3) are nearest to.
 
     Returns
     -------
@@ -42,7 +43,7 @@ def supported(spline: TSpline, points: Floats) -> tuple[TSpline, Triangles, int]
             return spline, found, removed
         tree = cKDTree(found.vertices)
         nearest = label[tree.query(spline.mesh.to_unit(points))[1]]
-        lost = np.bincount(nearest, minlength=number) < LEAST
+        lost = np.bincount(nearest, minlength=number) < max(LEAST[0], LEAST[1] * np.sqrt(len(points)))
         if not lost.any() or lost.all():
             return spline, found, removed
         removed += int(lost.sum())

@@ -74,9 +74,9 @@ NEIGHBOURS = 12
 GLOBAL = 0.004
 LOCAL = 0.2
 
-#: Splitting all cells stops where this many coefficients, or this many a point, would be exceeded; a cell at the zero
-#: set takes about `PER_CELL` of them.
-ENOUGH = (100_000, 4.0)
+#: Splitting all cells stops where this many coefficients, or this many a point, but at most so many, would be exceeded;
+#: a cell at the zero set takes about `PER_CELL` of them.
+ENOUGH = (100_000, 4.0, 1_000_000)
 PER_CELL = 5.5
 
 #: Noisy points: side of the cells, in smoothing lengths, above which all cells at the zero set are split.
@@ -234,7 +234,7 @@ class SpatialFit:
 
     def _wants_all(self, residual: Floats, count: int) -> bool:
         """Whether the finest cells are too wide for the whole surface, not only for its creases."""
-        if PER_CELL * count > max(ENOUGH[0], ENOUGH[1] * len(self._points)):
+        if PER_CELL * count > min(max(ENOUGH[0], ENOUGH[1] * len(self._points)), ENOUGH[2]):
             return False
         if self._is_noisy:
             return 1.0 / (1 << self._level) > WIDE * self._smoothing

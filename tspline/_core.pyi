@@ -5,7 +5,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Hierarchy", "System", "TMesh", "planes", "sides_of"]
+__all__ = ["Hierarchy", "System", "TMesh", "locate_cells", "planes", "sides_of"]
 
 _Floats = NDArray[np.float64]
 _Ints = NDArray[np.int64]

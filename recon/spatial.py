@@ -41,10 +41,11 @@ UNDERSTATED = 1.1 * 1.4826
 #: Smoothing length of noisy points over (noise * spacing)^(1/4), both in units of the box: the optimum of eight shapes
 #: at 1,000, 10,000 and 100,000 points lies within a tenth of it. The exponent balances what is left of the noise,
 #: noise * spacing / length, with the error at the shape's own curvatures, which grows as length^3.
-SMOOTH = 0.07
+SMOOTH = 0.105
+POWER = 0.3
 
 #: Curvature beyond which bending costs less, 1 / box: creases and ridges of the distance are not smoothed away.
-KINK = 60.0
+KINK = 45.0
 
 #: Length that weighs errors of the direction against errors of the place, in spacings or standard deviations.
 DIRECTION = 0.3
@@ -66,7 +67,11 @@ ROBUST = (1.5, 3.0)
 
 #: A point is a stranger when its residual is more than this many spacings, standard deviations, and times what is usual
 #: among its neighbours: points at creases have neighbours with large residuals, strangers have not.
-STRANGE = (0.7, 5.0, 10.0)
+STRANGE = (0.35, 5.0, 10.0)
+
+#: The same in a cloud of which more than the share `MANY` were strangers already: more of them are likely.
+STRANGER = (0.25, 5.0, 6.0)
+MANY = 0.01
 NEIGHBOURS = 12
 
 #: Clean points: typical residual in spacings above which all cells at the zero set are split, and the root mean square
@@ -74,13 +79,16 @@ NEIGHBOURS = 12
 GLOBAL = 0.004
 LOCAL = 0.2
 
+#: Curvature up to which the shift of noisy points off a curved surface is made good, in 1 / standard deviation.
+CURVED = 0.12
+
 #: Splitting all cells stops where this many coefficients, or this many a point, but at most so many, would be exceeded;
 #: a cell at the zero set takes about `PER_CELL` of them.
 ENOUGH = (100_000, 4.0, 1_000_000)
 PER_CELL = 5.5
 
 #: Noisy points: side of the cells, in smoothing lengths, above which all cells at the zero set are split.
-WIDE = 6.0
+WIDE = 6.5
 
 #: Errors at T-junctions that are made good, in spacings and standard deviations.
 SPOILT = (0.005, 0.1)
@@ -94,7 +102,7 @@ FINEST = (0.4, 0.6)
 FINEST_SMOOTH = 2.0
 
 #: Noisy points: a mean residual beyond this many of its own standard deviations is detail.
-SIGNIFICANT = 4.0
+SIGNIFICANT = 6.0
 
 
 @dataclass(frozen=True)
@@ -148,6 +156,8 @@ class SpatialFit:
         self._cells: list[Cells] = [lattice(1 << BASE)]
         #: Whether some cells were split alone: T-junctions cross the surface there, once and no more.
         self._local = False
+        #: Keys of the cells with the feet of the points that a level of such cells is fitted to; None: all.
+        self._zone: NDArray[np.int64] | None = None
 
     def run(self) -> tuple[TSpline, Floats, int]:
         """The spline over the unit box, the residuals of the distinct points, and the status."""
@@ -168,7 +178,7 @@ class SpatialFit:
             self._refine(asked)
         if self._left_out:
             self.warnings.append(f"{self._left_out} outliers were left out")
-        spline, self.triangles, removed = supported(self.spline(), self._points)
+        spline, self.triangles, removed = supported(self.spline(), self._points, self.spacing)
         if self.triangles.in_wall.any():
             self.warnings.append("the surface runs into the box and is cut there: too few points, or open data")
         if removed:
@@ -189,7 +199,7 @@ class SpatialFit:
     def _smoothing(self) -> float:
         """Smoothing length."""
         if self._is_noisy:
-            return float(SMOOTH * (self.noise * self.spacing) ** 0.25)
+            return float(SMOOTH * (self.noise * self.spacing) ** POWER)
         return TRACE * self.spacing
 
     def _deepest(self, spacings: float) -> int:
@@ -211,14 +221,17 @@ class SpatialFit:
         value, gradient, _ = self._hierarchy.evaluate(center)
         crossed = np.abs(value) <= 0.9 * np.linalg.norm(gradient, axis=1) / (2 << self._level)
         held = np.isin(keys(children), keys(cells_of(self._points, self._level + 1)))
-        children = children[crossed | held]
-        if self._wants_all(residual, len(children)):
-            return children
+        near = children[crossed | held]
+        if self._wants_all(residual, len(near)):
+            return near
         if self._level >= self._deepest(FINEST[1]):
-            return children[:0]
+            return near[:0]
         self._local = True
-        key, member = np.unique(keys(cells_of(self._points, self._level)), return_inverse=True)
-        number = np.bincount(member, minlength=len(key)).astype(np.float64)
+        # Noisy points count where their foot is: cells beside the surface hold points of one side only.
+        value, gradient, _ = self._hierarchy.evaluate(self._points)
+        at = feet(self._points, value, gradient) if self._is_noisy else self._points
+        _, member = np.unique(keys(cells_of(at, self._level)), return_inverse=True)
+        number = np.bincount(member).astype(np.float64)
         square = np.sqrt(np.bincount(member, residual**2) / number)
         if self._is_noisy:
             bad = np.abs(np.bincount(member, residual)) > SIGNIFICANT * self.noise * np.sqrt(number)
@@ -226,11 +239,16 @@ class SpatialFit:
             bad = square > LOCAL * self.spacing
         if self.settings.tolerance is not None:
             bad &= square > self.settings.tolerance
-        chosen = cells_of(self._points[bad[member]], self._level + 1)
+        chosen = cells_of(at[bad[member]], self._level + 1)
         if not len(chosen):
             return chosen
-        wide = keys(_core.Hierarchy.around(chosen, 2 << self._level, 1))
-        return np.ascontiguousarray(children[np.isin(keys(children), wide)])
+        zone = _core.Hierarchy.around(chosen, 2 << self._level, 1)
+        if not self._is_noisy:
+            return np.ascontiguousarray(near[np.isin(keys(near), keys(zone))])
+        self._zone = keys(zone)
+        wanted = np.isin(keys(cells_of(at, self._level + 1)), self._zone)
+        cells = np.concatenate([zone, cells_of(self._points[wanted], self._level + 1)])
+        return np.ascontiguousarray(children[np.isin(keys(children), keys(cells))])
 
     def _wants_all(self, residual: Floats, count: int) -> bool:
         """Whether the finest cells are too wide for the whole surface, not only for its creases."""
@@ -245,13 +263,14 @@ class SpatialFit:
     def _leave_out_strangers(self) -> None:
         """Drop points that are off the surface although their neighbours are on it."""
         away = np.abs(self._residual)
-        suspects = np.flatnonzero(away > max(STRANGE[0] * self.spacing, STRANGE[1] * self.noise))
+        spacings, deviations, times = STRANGER if self._left_out > MANY * len(away) else STRANGE
+        suspects = np.flatnonzero(away > max(spacings * self.spacing, deviations * self.noise))
         if not len(suspects):
             return
         count = min(NEIGHBOURS, len(away) - 1) + 1
         beside = self._tree.query(self._points[suspects], k=count)[1][:, 1:]
         stay = np.ones(len(away), dtype=bool)
-        stay[suspects] = away[suspects] <= STRANGE[2] * np.median(away[beside], axis=1)
+        stay[suspects] = away[suspects] <= times * np.median(away[beside], axis=1)
         if stay.all() or np.count_nonzero(stay) < len(away) // 2:
             return
         self._left_out += int(np.count_nonzero(~stay))
@@ -264,7 +283,10 @@ class SpatialFit:
         level, n = self._level, 1 << self._level
         fine = level > BASE
         before, gradient, _ = self._hierarchy.evaluate(self._points)
-        held = np.flatnonzero(np.isin(keys(cells_of(self._points, level)), keys(self._cells[-1])))
+        inside = np.isin(keys(cells_of(self._points, level)), keys(self._cells[-1]))
+        if self._zone is not None:
+            inside &= np.isin(keys(cells_of(feet(self._points, before, gradient), level)), self._zone)
+        held = np.flatnonzero(inside)
         robust = np.ones(len(held))
         if fine:
             limit = max(ROBUST[0] * self.spacing, ROBUST[1] * self.noise)
@@ -293,6 +315,7 @@ class SpatialFit:
                 _, gradient, _ = self._hierarchy.evaluate(points)
                 length = np.linalg.norm(gradient, axis=1, keepdims=True)
                 normals = gradient / np.maximum(length, 1e-12)
+                target[: len(points)] = self._lift(points)
             did, _, unknowns = self._hierarchy.fit(
                 place,
                 weight,
@@ -309,6 +332,16 @@ class SpatialFit:
         value, gradient, _ = self._hierarchy.evaluate(self._points)
         self._residual = value / np.maximum(np.linalg.norm(gradient, axis=1), 0.3)
         self._record(level, value - before, iterations, unknowns)
+
+    def _lift(self, points: Floats) -> Floats:
+        """Mean value of the field at noisy `points` whose surface is its zero set, (n,).
+
+        With noise of the same standard deviation s in every direction, the mean of f(x + noise) is f(x) + s^2 / 2 times
+        the Laplacian: points scatter to the outside of a ball more than to its inside, and a fit to zero moves there.
+        """
+        limit = CURVED / max(self.noise, 1e-300)
+        lift: Floats = 0.5 * self.noise**2 * np.clip(self._hierarchy.laplacians(points), -limit, limit)
+        return lift
 
     def _far(self, n: int) -> tuple[Floats, Floats]:
         """Places off the surface near the finest lattice's cells, and their signed distances from the points."""
@@ -406,6 +439,12 @@ def keys(cells: Cells) -> NDArray[np.int64]:
     """One number a cell (n, 3), in the cells' order."""
     order: NDArray[np.int64] = cells.astype(np.int64) @ np.array([1 << 42, 1 << 21, 1], dtype=np.int64)
     return order
+
+
+def feet(points: Floats, value: Floats, gradient: Floats) -> Floats:
+    """First-order feet of points (n, 3) on the zero set, in the unit box."""
+    square = np.maximum(np.einsum("nd,nd->n", gradient, gradient), 0.1)
+    return np.clip(points - (value / square)[:, None] * gradient, 0.0, 1.0)
 
 
 def gathered(

@@ -19,12 +19,15 @@ Floats = NDArray[np.float64]
 #: stand together make no part.
 LEAST = (4, 0.1)
 
+#: Points on a closed surface over what the cloud's spacing lets expect on its area: strangers far apart make no part.
+DENSITY = 0.04
+
 #: Rounds of removal: what a first one leaves of a part shows in the second.
 ROUNDS = 3
 
 
-def supported(spline: TSpline, points: Floats) -> tuple[TSpline, Triangles, int]:
-    """The spline without closed surfaces that hardly any of the `points` (n, 3) are nearest to.
+def supported(spline: TSpline, points: Floats, spacing: float) -> tuple[TSpline, Triangles, int]:
+    """The spline without closed surfaces that hardly any of the `points` (n, 3), `spacing` apart, are nearest to.
 
     Returns
     -------
@@ -43,12 +46,21 @@ def supported(spline: TSpline, points: Floats) -> tuple[TSpline, Triangles, int]
             return spline, found, removed
         tree = cKDTree(found.vertices)
         nearest = label[tree.query(spline.mesh.to_unit(points))[1]]
-        lost = np.bincount(nearest, minlength=number) < max(LEAST[0], LEAST[1] * np.sqrt(len(points)))
+        held = np.bincount(nearest, minlength=number)
+        expected = np.bincount(label[found.faces[:, 0]], areas(found), number) * (spline.mesh.size / spacing) ** 2
+        lost = held < np.maximum(DENSITY * expected, max(LEAST[0], LEAST[1] * np.sqrt(len(points))))
         if not lost.any() or lost.all():
             return spline, found, removed
         removed += int(lost.sum())
         spline = _without(spline, found, label, lost, tree)
     return spline, triangulate(spline), removed
+
+
+def areas(found: Triangles) -> Floats:
+    """Areas of the triangles, (m,), unit box."""
+    corners = found.vertices[found.faces]
+    doubled: Floats = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return 0.5 * np.linalg.norm(doubled, axis=1)
 
 
 def parts(found: Triangles) -> tuple[int, NDArray[np.int32]]:

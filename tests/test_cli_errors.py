@@ -201,9 +201,11 @@ def test_disk_that_fills_up_leaves_the_old_file(
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signals_end_the_process_cleanly(folder: Path, number: signal.Signals) -> None:
     code = (
-        f"import sys, time; sys.path.insert(0, {str(REPOSITORY / 'tests')!r})\n"
+        f"import signal, sys, time; sys.path.insert(0, {str(REPOSITORY / 'tests')!r})\n"
         "import fake_solver, recon\n"
         "from cli.main import main\n"
+        # A shell's background job inherits that SIGINT is ignored.
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "def slow(self, path):\n"
         "    path.write_bytes(b'half'); print('ready', flush=True); time.sleep(30)\n"
         "fake_solver.FakeSpline.save = slow\n"

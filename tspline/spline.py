@@ -58,7 +58,7 @@ class TSpline:
         self._coefficients = c
         self.metadata: dict[str, Any] = dict(metadata or {})
         #: Triangulations of the zero set that were made, by subdivision: asking twice costs once.
-        self.triangulations: dict[int, Any] = {}
+        self.triangulation: Any = None
 
     @classmethod
     def fit(cls, mesh: TMesh, function: Callable[[Floats], ArrayLike], *, samples: int = 3) -> TSpline:
@@ -190,7 +190,8 @@ class TSpline:
         tolerance : float, optional
             Largest distance between mesh and zero set, caller's units, by |f| / |grad f| at the faces' centroids and
             the edges' midpoints. By default there is about one vertex for each of the smallest cells that the zero
-            set visits.
+            set visits, or 4 or 16 where these are so wide that the normals turn by more than 4 degrees along a
+            typical side.
 
         Returns
         -------
@@ -284,7 +285,8 @@ class TSpline:
         mesh = self._mesh.rescaled(bounds)
         scaled = TSpline(mesh, self._coefficients * (mesh.size / self._mesh.size), self.metadata)
         # A positive factor moves no zero, and triangles stand in the unit box.
-        scaled.triangulations = {k: replace(t, spline=scaled) for k, t in self.triangulations.items()}
+        if self.triangulation is not None:
+            scaled.triangulation = replace(self.triangulation, spline=scaled)
         return scaled
 
     def save(self, path: str | PathLike[str]) -> None:

@@ -39,11 +39,11 @@ class SurfaceMeasures:
         return self.num_components - self.euler_number // 2
 
 
-def measure(spline: TSpline, subdivision: int = 0) -> SurfaceMeasures:
+def measure(spline: TSpline, subdivision: int | None = None) -> SurfaceMeasures:
     """Measures of the zero set of a spline in space.
 
     Area and volume are those of quadratic triangles whose corners and side midpoints lie on the zero set: their error
-    falls with the fourth power of the lattice's step, which `subdivision` halves.
+    falls with the fourth power of the lattice's step, which `subdivision` halves; by default that of `to_mesh()`.
     """
     found = triangulate(spline, subdivision)
     size = spline.mesh.size

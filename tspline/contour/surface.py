@@ -39,9 +39,9 @@ def surface_mesh(spline: TSpline, tolerance: float | None = None) -> trimesh.Tri
 
 def within(spline: TSpline, tolerance: float | None = None) -> Triangles:
     """The coarsest of the triangulations that keep the tolerance and the shape's topology; see `TSpline.to_mesh`."""
-    found = triangulate(spline)
     if tolerance is None:
-        return found
+        return triangulate(spline)
+    found = triangulate(spline, 0)
     require(bool(tolerance > 0), "tolerance", tolerance, "a positive length")
     error = deviation(found)
     if error == 0.0:

@@ -13,6 +13,10 @@ from tspline.spline import TSpline
 
 __all__ = ["Triangles", "triangulate"]
 
+#: Angle between the normals at the ends of a typical side, radians: flat triangles are off by a hundredth of a side.
+TURN = 0.075
+MOST_HALVINGS = 2
+
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
@@ -73,13 +77,30 @@ class Triangles:
         return np.stack([self.faces, np.roll(self.faces, -1, axis=1)], axis=-1).reshape(-1, 2)
 
 
-def triangulate(spline: TSpline, subdivision: int = 0) -> Triangles:
-    """The zero set on a lattice `2**subdivision` times as fine as the smallest cells that it visits (-20 to 20)."""
+def triangulate(spline: TSpline, subdivision: int | None = None) -> Triangles:
+    """The zero set on a lattice `2**subdivision` times as fine as the smallest cells that it visits (-20 to 20).
+
+    By default as fine as its curvature asks for: half of the triangles' sides turn by less than `TURN`, if one or two
+    halvings do it.
+    """
     require(spline.dim == 3, "spline", "a planar spline", "a spline in 3D")
-    require(-20 <= subdivision <= 20, "subdivision", subdivision, "-20 to 20")
-    found: Triangles | None = spline.triangulations.get(subdivision)
-    if found is None:
-        found = Triangles(spline, *spline.mesh.core.surface(spline.coefficients, subdivision))
-        if subdivision == 0:
-            spline.triangulations[subdivision] = found
-    return found
+    if subdivision is not None:
+        require(-20 <= subdivision <= 20, "subdivision", subdivision, "-20 to 20")
+        return _on_lattice(spline, subdivision)
+    if spline.triangulation is None:
+        found = _on_lattice(spline, 0)
+        halvings = _halvings(found)
+        spline.triangulation = _on_lattice(spline, halvings) if halvings else found
+    return spline.triangulation
+
+
+def _on_lattice(spline: TSpline, subdivision: int) -> Triangles:
+    return Triangles(spline, *spline.mesh.core.surface(spline.coefficients, subdivision))
+
+
+def _halvings(found: Triangles) -> int:
+    """Halvings of the lattice after which a triangle's side typically turns by less than `TURN`."""
+    if len(found.faces) == 0:
+        return 0
+    turn = float(np.median(np.linalg.norm(found.normals[found.faces[:, 0]] - found.normals[found.faces[:, 1]], axis=1)))
+    return int(np.clip(np.ceil(np.log2(max(turn, 1e-9) / TURN)), 0, MOST_HALVINGS))

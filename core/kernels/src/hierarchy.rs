@@ -168,6 +168,28 @@ impl Hierarchy {
             .collect()
     }
 
+    /// Laplacians at points of the box, on the finest lattice that holds each; NaN where none does.
+    pub fn laplacians(&self, points: &[[f64; 3]]) -> Vec<f64> {
+        let at = |x: &[f64; 3]| {
+            if x.iter().any(|v| !(0.0..=1.0).contains(v)) {
+                return f64::NAN;
+            }
+            for lattice in self.levels.iter().rev() {
+                let (cell, t) = lattice.locate(x);
+                let Some(base) = lattice.cell(cell) else { continue };
+                let n = f64::from(1u32 << lattice.level());
+                let (v, h) = (t.map(values), t.map(bends));
+                let c = &lattice.coefficients;
+                let sum = contract(c, &base, [&h[0], &v[1], &v[2]])
+                    + contract(c, &base, [&v[0], &h[1], &v[2]])
+                    + contract(c, &base, [&v[0], &v[1], &h[2]]);
+                return n * n * sum;
+            }
+            f64::NAN
+        };
+        points.par_iter().with_min_len(256).map(at).collect()
+    }
+
     /// Coefficients of a T-spline by its dual functionals (de Boor and Fix): for local knots k0..k4 an axis the blossom
     /// of f at (k1, k2, k3), from value, slope and bend at k2. Exact where the T-mesh is a uniform lattice that holds f.
     pub fn coefficients(&self, knots: &[[[f64; 5]; 3]]) -> Result<Vec<f64>> {

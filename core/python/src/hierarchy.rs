@@ -137,6 +137,14 @@ impl Hierarchy {
         Ok((value.into_pyarray(py), gradient, level.into_pyarray(py)))
     }
 
+    /// Laplacians at points (n, 3), shape (n,); NaN outside of all lattices.
+    fn laplacians<'py>(&self, py: Python<'py>, at: Points<'_>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let at = points::<3>(&at, "points")?;
+        let guard = self.inner.lock().map_err(poisoned)?;
+        let inner = &*guard;
+        Ok(run(py, || Ok(inner.laplacians(at)))?.into_pyarray(py))
+    }
+
     /// Coefficients of the T-spline with local knots (n, 3, 5), by dual functionals.
     fn coefficients<'py>(
         &self,

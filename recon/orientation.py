@@ -7,12 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import Delaunay, cKDTree
+from scipy.spatial import Delaunay
 
+from recon.point_tree import PointTree
 from recon.surface_scale import SurfaceScale
 from tspline import _core
 
-__all__ = ["Orientation"]
+__all__ = ["Orientation", "thinned"]
 
 Floats = NDArray[np.float64]
 
@@ -101,13 +102,13 @@ class Orientation:
         rng = np.random.Generator(np.random.PCG64(0))
         samples = samples + SHIFT * scale.spacing * rng.uniform(-1.0, 1.0, samples.shape)
         count = min(NEIGHBOURS, len(samples) - 1)
-        distance, index = cKDTree(samples).query(samples, k=count)
+        distance, index = PointTree(samples).query(samples, k=count)
         if normals is None:
             _, lines, variance = _core.planes(samples, samples, np.ascontiguousarray(index, dtype=np.int64))
             flatness = 1.0 - np.sqrt(np.clip(variance[:, 0] / np.maximum(variance[:, 1], 1e-300), 0.0, 1.0))
             trust = flatness**2
         else:
-            lines = np.ascontiguousarray(normals[cKDTree(points).query(samples)[1]])
+            lines = np.ascontiguousarray(normals[PointTree(points).query(samples)[1]])
             trust = np.ones(len(samples))
         triangulation = Delaunay(samples)
         cells = np.ascontiguousarray(triangulation.simplices, dtype=np.int32)
@@ -154,7 +155,7 @@ def smoothed(points: Floats, samples: Floats, scale: SurfaceScale) -> Floats:
     """`samples` moved twice onto the planes of the points around them."""
     most = max(NEIGHBOURS, min(300, len(points) // 80))
     count = int(np.clip(np.pi * (SMOOTH * scale.noise / scale.spacing) ** 2, NEIGHBOURS, most))
-    tree = cKDTree(points)
+    tree = PointTree(points)
     for _ in range(2):
         index = tree.query(samples, k=min(count, len(points)))[1]
         center, normal, _ = _core.planes(points, samples, np.ascontiguousarray(index, dtype=np.int64))

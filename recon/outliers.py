@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+
+from recon.point_tree import PointTree
 
 __all__ = ["isolated"]
 
@@ -19,15 +20,15 @@ RATIO = 2.3
 AROUND, QUANTILE = 60, 0.25
 
 
-def isolated(points: NDArray[np.float64]) -> NDArray[np.bool_]:
+def isolated(points: NDArray[np.float64], tree: PointTree | None = None) -> NDArray[np.bool_]:
     """Points (n, d) whose surroundings are far emptier than those of the points around them, shape (n,).
 
-    The comparison with the neighbours keeps the sparse parts of a scan.
+    The comparison with the neighbours keeps the sparse parts of a scan. `tree`: that of the points, if there is one.
     """
     alone = np.zeros(len(points), dtype=bool)
     if len(points) <= 4 * NEIGHBOUR:
         return alone
-    tree = cKDTree(points)
+    tree = PointTree(points) if tree is None else tree
     reach = tree.query(points, k=NEIGHBOUR + 1)[0][:, -1]
     suspects = np.flatnonzero(reach > RATIO * np.median(reach))
     if len(suspects):

@@ -7,11 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy import sparse
 
-from recon.orientation import Orientation
+from recon.orientation import Orientation, thinned
 from recon.outliers import isolated
 from recon.point_cloud import PointCloud
+from recon.point_tree import PointTree
 from recon.support import supported
 from recon.surface_scale import SurfaceScale
 from tspline import TMesh, TSpline, _core
@@ -31,6 +32,9 @@ BASE = 4
 
 #: Smoothing length in spacings of clean points: a trace, so that cells without points are determined.
 TRACE = 0.15
+
+#: The least one in cells: without data, unknowns of much coarser cells than the spacing would settle slowly.
+LEAST_SMOOTHING = 0.03
 
 #: Smoothing length with which the noise of the points is read off the residuals, in spacings.
 PROBE = 0.3
@@ -53,8 +57,19 @@ DIRECTION = 0.3
 #: The same for the slope alone, in standard deviations.
 SLOPE = 0.7
 
+#: Slope below which residuals are not divided by it.
+FLAT = 0.3
+
+#: Slope that strong noise must leave at the points, as a weak field has no direction; more than 1 is asked for then, up
+#: to the second number.
+STEEP = (0.35, 4.0)
+
 #: Weight of the distances off the surface relative to the data: it tells the sides and does not move the surface.
 FAR = 0.004
+
+#: Of more points than the first number these distances are those from one in each cube of this side: a k-d tree is slow
+#: where many points are almost as near as the nearest.
+DISTANT = (100_000, 1 / 256)
 
 #: Of fewer points the far field must hold more.
 SPARSE = 1000
@@ -93,8 +108,8 @@ WIDE = 6.5
 #: Errors at T-junctions that are made good, in spacings and standard deviations.
 SPOILT = (0.005, 0.1)
 
-#: Samples that this takes at most.
-MOST = 30_000
+#: Samples that this takes at most, and at a time.
+MOST, BLOCK = 30_000, 6_000
 
 #: Side of the smallest cells in spacings, where all are split and where some are; and in smoothing lengths of noisy
 #: points.
@@ -139,23 +154,31 @@ class SpatialFit:
 
     def __post_init__(self) -> None:
         every = self.cloud.points
-        alone = isolated(every)
+        tree = PointTree(every)
+        alone = isolated(every, tree)
         self._points = every[~alone]
         self._left_out = int(alone.sum())
-        scale = SurfaceScale.from_points(self._points)
+        self._tree = PointTree(self._points) if self._left_out else tree
+        self._far_tree = self._tree
+        if len(self._points) > DISTANT[0]:
+            self._far_tree = PointTree(thinned(self._points, DISTANT[1]))
+        scale = SurfaceScale.from_points(self._points, self._tree)
         self.spacing, self.noise = scale.spacing, scale.noise
         given = None if self.cloud.normals is None else self.cloud.normals[~alone]
         self._orientation = Orientation.from_points(self._points, scale, given, self.settings.start)
-        nearest = cKDTree(self._orientation.points).query(self._points)[1]
+        nearest = PointTree(self._orientation.points).query(self._points)[1]
         self._normals = self._orientation.normals[nearest]
         self._trust = self._orientation.trust[nearest]
         self._weights = self.cloud.weights[~alone]
-        self._tree = cKDTree(self._points)
         self._residual = np.zeros(len(self._points))
         self._hierarchy = _core.Hierarchy(BASE)
+        #: The field and its gradient at the points.
+        self._jets: tuple[Floats, Floats] = self._hierarchy.evaluate(self._points)[:2]
         self._cells: list[Cells] = [lattice(1 << BASE)]
         #: Whether some cells were split alone: T-junctions cross the surface there, once and no more.
         self._local = False
+        #: The slope that the fit asks for: noise makes the field flatter than that.
+        self._slope = 1.0
         #: Keys of the cells with the feet of the points that a level of such cells is fitted to; None: all.
         self._zone: NDArray[np.int64] | None = None
 
@@ -221,15 +244,14 @@ class SpatialFit:
         value, gradient, _ = self._hierarchy.evaluate(center)
         crossed = np.abs(value) <= 0.9 * np.linalg.norm(gradient, axis=1) / (2 << self._level)
         held = np.isin(keys(children), keys(cells_of(self._points, self._level + 1)))
-        near = children[crossed | held]
+        near: Cells = children[crossed | held]
         if self._wants_all(residual, len(near)):
             return near
         if self._level >= self._deepest(FINEST[1]):
             return near[:0]
         self._local = True
         # Noisy points count where their foot is: cells beside the surface hold points of one side only.
-        value, gradient, _ = self._hierarchy.evaluate(self._points)
-        at = feet(self._points, value, gradient) if self._is_noisy else self._points
+        at = feet(self._points, *self._jets) if self._is_noisy else self._points
         _, member = np.unique(keys(cells_of(at, self._level)), return_inverse=True)
         number = np.bincount(member).astype(np.float64)
         square = np.sqrt(np.bincount(member, residual**2) / number)
@@ -276,13 +298,16 @@ class SpatialFit:
         self._left_out += int(np.count_nonzero(~stay))
         self._points, self._normals = self._points[stay], self._normals[stay]
         self._trust, self._weights, self._residual = self._trust[stay], self._weights[stay], self._residual[stay]
-        self._tree = cKDTree(self._points)
+        self._jets = self._jets[0][stay], self._jets[1][stay]
+        self._tree = PointTree(self._points)
+        if len(self._points) <= DISTANT[0]:
+            self._far_tree = self._tree
 
     def _solve(self, smoothing: float) -> None:
         """Fit the finest lattice to the points that its cells hold; sets the residuals of all points."""
         level, n = self._level, 1 << self._level
         fine = level > BASE
-        before, gradient, _ = self._hierarchy.evaluate(self._points)
+        before, gradient = self._jets
         inside = np.isin(keys(cells_of(self._points, level)), keys(self._cells[-1]))
         if self._zone is not None:
             inside &= np.isin(keys(cells_of(feet(self._points, before, gradient), level)), self._zone)
@@ -290,7 +315,7 @@ class SpatialFit:
         robust = np.ones(len(held))
         if fine:
             limit = max(ROBUST[0] * self.spacing, ROBUST[1] * self.noise)
-            away = before[held] / np.maximum(np.linalg.norm(gradient[held], axis=1), 0.3)
+            away = before[held] / np.maximum(np.linalg.norm(gradient[held], axis=1), FLAT)
             robust = 1.0 / (1.0 + (away / limit) ** 2)
         points, normals, trust, weights = gathered(
             self._points[held],
@@ -306,7 +331,7 @@ class SpatialFit:
         target = np.concatenate([np.zeros(len(points)), distance])
         weight = np.concatenate([weights, np.full(len(far), FAR * max(1.0, SPARSE / len(points)) / n**2)])
         none = np.zeros((len(far), 3))
-        direction = (DIRECTION * max(self.spacing, self.noise)) ** 2 * weights
+        direction = max(DIRECTION * self.spacing, SLOPE * self.noise) ** 2 * weights
         # Noise across the surface rewards a flat field; the weight of the slope must outweigh that.
         unit_slope = max(DIRECTION * self.spacing, SLOPE * self.noise) ** 2 * weights
         iterations = 0
@@ -322,16 +347,25 @@ class SpatialFit:
                 target,
                 np.concatenate([unit_slope if turn else direction * trust, np.zeros(len(far))]),
                 np.concatenate([normals, none]),
-                smoothing=smoothing,
+                smoothing=max(smoothing, LEAST_SMOOTHING / n),
                 kink=KINK if turn and self._is_noisy else 0.0,
                 tangential=0.0 if turn else 1.0,
                 tolerance=1e-3 if turn else 1e-2,
                 max_iterations=300,
+                slope=self._slope,
             )
+            self._steepen(points)
             iterations += did
         value, gradient, _ = self._hierarchy.evaluate(self._points)
-        self._residual = value / np.maximum(np.linalg.norm(gradient, axis=1), 0.3)
+        self._jets = value, gradient
+        self._residual = value / np.maximum(np.linalg.norm(gradient, axis=1), FLAT)
         self._record(level, value - before, iterations, unknowns)
+
+    def _steepen(self, points: Floats) -> None:
+        """Ask for more slope than 1 where noise across the surface, which rewards a flat field, leaves too little."""
+        if self._is_noisy:
+            slope = np.linalg.norm(self._hierarchy.evaluate(points)[1], axis=1)
+            self._slope = float(np.clip(STEEP[0] * self._slope / max(float(np.median(slope)), 1e-3), 1.0, STEEP[1]))
 
     def _lift(self, points: Floats) -> Floats:
         """Mean value of the field at noisy `points` whose surface is its zero set, (n,).
@@ -354,7 +388,7 @@ class SpatialFit:
             places = np.concatenate([(cells + 0.5) / n, corners / n])
         else:
             places = (_core.Hierarchy.around(cells, n, 1) + 0.5) / n
-        distance = self._tree.query(places)[0]
+        distance = self._far_tree.query(places)[0]
         clear = distance > self.spacing
         places, distance = places[clear], distance[clear]
         return places, distance * self._orientation.side(places)
@@ -387,10 +421,11 @@ class SpatialFit:
         wrong = np.abs(off) > max(SPOILT[0] * self.spacing, SPOILT[1] * self.noise)
         if not wrong.any():
             return spline
-        near = np.flatnonzero(np.isfinite(cKDTree(samples[wrong]).query(samples, distance_upper_bound=reach)[0]))
-        # A row of the basis takes a few kilobytes while it is made.
+        near = np.flatnonzero(np.isfinite(PointTree(samples[wrong]).query(samples, distance_upper_bound=reach)[0]))
         near = near[:: 1 + len(near) // MOST]
-        basis = spline.basis_matrix(samples[near])
+        # A row of the basis takes ten kilobytes while it is made.
+        blocks = [spline.basis_matrix(samples[near[k : k + BLOCK]]) for k in range(0, len(near), BLOCK)]
+        basis = sparse.vstack(blocks, format="csr")
         spoilt = samples[wrong][:: 1 + np.count_nonzero(wrong) // (MOST // 4)]
         touched = np.unique(spline.basis_matrix(spoilt).indices)
         basis = basis[:, touched].tocsr()
@@ -444,7 +479,8 @@ def keys(cells: Cells) -> NDArray[np.int64]:
 def feet(points: Floats, value: Floats, gradient: Floats) -> Floats:
     """First-order feet of points (n, 3) on the zero set, in the unit box."""
     square = np.maximum(np.einsum("nd,nd->n", gradient, gradient), 0.1)
-    return np.clip(points - (value / square)[:, None] * gradient, 0.0, 1.0)
+    at: Floats = np.clip(points - (value / square)[:, None] * gradient, 0.0, 1.0)
+    return at
 
 
 def gathered(

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
+from recon.point_tree import PointTree
 from tspline import TSpline
 from tspline.contour import Triangles, triangulate
 
@@ -44,7 +44,7 @@ def supported(spline: TSpline, points: Floats, spacing: float) -> tuple[TSpline,
         number, label = parts(found)
         if number < 2:
             return spline, found, removed
-        tree = cKDTree(found.vertices)
+        tree = PointTree(found.vertices)
         nearest = label[tree.query(spline.mesh.to_unit(points))[1]]
         held = np.bincount(nearest, minlength=number)
         expected = np.bincount(label[found.faces[:, 0]], areas(found), number) * (spline.mesh.size / spacing) ** 2
@@ -60,7 +60,8 @@ def areas(found: Triangles) -> Floats:
     """Areas of the triangles, (m,), unit box."""
     corners = found.vertices[found.faces]
     doubled: Floats = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return 0.5 * np.linalg.norm(doubled, axis=1)
+    half: Floats = 0.5 * np.linalg.norm(doubled, axis=1)
+    return half
 
 
 def parts(found: Triangles) -> tuple[int, NDArray[np.int32]]:
@@ -75,7 +76,7 @@ def parts(found: Triangles) -> tuple[int, NDArray[np.int32]]:
 
 
 def _without(
-    spline: TSpline, found: Triangles, label: NDArray[np.int32], lost: NDArray[np.bool_], tree: cKDTree
+    spline: TSpline, found: Triangles, label: NDArray[np.int32], lost: NDArray[np.bool_], tree: PointTree
 ) -> TSpline:
     corners = found.vertices[found.faces]
     volume = np.einsum("nd,nd->n", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
@@ -83,7 +84,7 @@ def _without(
     mesh = spline.mesh
     anchors = mesh.to_unit(mesh.anchors)
     reach = 3.0 / (1 << int(mesh.depth))
-    of_lost = cKDTree(found.vertices[lost[label]])
+    of_lost = PointTree(found.vertices[lost[label]])
     # What lies inside of a lost part may be far from its surface, but is nearer to it than to any other.
     at = tree.query(anchors)[1]
     inside = lost[label[at]] & (sign[label[at]] * spline.coefficients < 0)

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from recon.cloud_scale import patch_noise
+from recon.point_tree import PointTree
 
 __all__ = ["SurfaceScale"]
 
@@ -19,8 +19,8 @@ NEIGHBOURS = 12
 PROBES = 600
 
 #: A patch holds at most this number of samples, and at most this part of all: beyond, it holds detail.
-LARGEST_PATCH = 512
-PATCHES = 200
+LARGEST_PATCH = 2048
+PATCHES = 50
 
 #: The patch must be this many times longer than the noise, or the noise is cut off at its rim.
 ELONGATION = 4.0
@@ -45,10 +45,10 @@ class SurfaceScale:
     noise: float
 
     @classmethod
-    def from_points(cls, points: NDArray[np.float64]) -> SurfaceScale:
-        """Estimate from distinct points (n, 3)."""
+    def from_points(cls, points: NDArray[np.float64], tree: PointTree | None = None) -> SurfaceScale:
+        """Estimate from distinct points (n, 3); `tree`: theirs, if there is one."""
         count = len(points)
-        tree = cKDTree(points)
+        tree = PointTree(points) if tree is None else tree
         probes = points[np.linspace(0, count - 1, min(count, PROBES)).astype(np.int64)]
         number = min(NEIGHBOURS, max(3, (count - 1) // 4))
         most = max(number, min(LARGEST_PATCH, count // PATCHES))

@@ -172,6 +172,51 @@ def test_noise_is_averaged() -> None:
     assert radius.std() < 0.5 * noise
 
 
+@pytest.mark.parametrize(("count", "noise"), [(20000, 0.03), (20000, 0.05), (5000, 0.05)])
+def test_strong_noise_moves_a_sphere_hardly(count: int, noise: float) -> None:
+    """Isotropic noise takes the mean radius to 1 + noise^2, and fits to zero further."""
+    case = Case.of(ball(count, seed=1) + noise * generator(17).standard_normal((count, 3)))
+    assert case.kind == (True, 1, 0)
+    assert case.fit.noise == pytest.approx(noise, rel=0.25)
+    radius = (case.fit.spline.volume() * 3 / (4 * np.pi)) ** (1 / 3)
+    assert abs(radius - 1) < 0.9 * noise**2
+
+
+def test_details_in_noise_are_refined_alone() -> None:
+    """A pin on a ball: finer cells stand at it, points of both its sides hold it in place."""
+    turn = generator(4).random(4000) * 2 * np.pi
+    height = generator(5).random(4000)
+    side = np.column_stack([0.12 * np.cos(turn), 0.12 * np.sin(turn), 0.99 + 0.35 * height])
+    cap = generator(6).standard_normal((1200, 3))
+    cap = 0.12 * cap / np.linalg.norm(cap, axis=1, keepdims=True)
+    cap[:, 2] = np.abs(cap[:, 2])
+    points = np.vstack([ball(30000, seed=2), side, np.add(cap, [0, 0, 1.34])])
+    points = points[(np.hypot(points[:, 0], points[:, 1]) > 0.115) | (points[:, 2] < 0) | (points[:, 2] > 1.3)]
+    case = Case.of(points + 0.022 * generator(7).standard_normal(points.shape))
+    assert case.kind == (True, 1, 0)
+    assert case.fit.spline.mesh.depth == 6
+    assert case.fit.spline.num_coefficients < 20_000
+    tip = case.fit.spline(np.array([[0, 0, 1.43], [0, 0, 1.5], [0.09, 0, 1.2], [0.155, 0, 1.2], [-0.155, 0, 1.2]]))
+    np.testing.assert_array_equal(np.sign(tip), [-1, 1, -1, 1, 1])
+
+
+@pytest.mark.parametrize("plate", [False, True])
+def test_outliers_hardly_move_the_surface(plate: bool) -> None:
+    """Strangers that form parts by themselves, and those within a thin plate."""
+    box = np.array([1.0, 0.7, 0.06])
+    on = generator(2).random((6000, 3)) * box
+    face = generator(3).random(6000) * 1.2 < 1.0
+    on[face, 2] = np.where(generator(4).random(6000)[face] < 0.5, 0, box[2])
+    on = on[face]
+    clean = on if plate else torus(6000)[0]
+    low, high = clean.min(axis=0), clean.max(axis=0)
+    wild = low + generator(9).random((len(clean) // 20, 3)) * (high - low)
+    alone, case = Case.of(clean), Case.of(np.vstack([clean, wild]))
+    assert case.kind == alone.kind == (True, 1, 0 if plate else 1)
+    moved = np.abs(case.fit.residuals[: len(clean)]).mean()
+    assert moved < 2 * np.abs(alone.fit.residuals).mean() + 2e-4
+
+
 def test_outliers_do_not_change_the_topology() -> None:
     clean = torus(3000)[0]
     wild = generator(1).uniform(-1, 1, (150, 3)) * [1.5, 1.5, 0.8]

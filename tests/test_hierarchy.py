@@ -86,11 +86,13 @@ class Task:
     tangential: float = 0.3
     tolerance: float = 1e-13
     max_iterations: int = 20000
+    slope: float = 1.0
 
     def fit(self, field: Hierarchy) -> tuple[int, bool, int]:
         return field.fit(
             self.points, self.weights, self.targets, self.normal_weights, self.normals, smoothing=self.smoothing,
             kink=self.kink, tangential=self.tangential, tolerance=self.tolerance, max_iterations=self.max_iterations,
+            slope=self.slope,
         )  # fmt: skip
 
 
@@ -132,6 +134,37 @@ def test_values_and_gradients_are_those_of_tensor_b_splines(level: int) -> None:
     np.testing.assert_allclose(gradient, g, rtol=0, atol=1e-12 * scale * 2**level)
     np.testing.assert_array_equal(at, level)
     assert field.sizes == [(2**level + 3) ** 3]
+
+
+@pytest.mark.parametrize("level", [0, 1, 3])
+def test_laplacians_are_those_of_tensor_b_splines(level: int) -> None:
+    field = wavy(level)
+    c = interpolated(field, level)
+    points = np.random.default_rng(2).random((400, 3))
+    b, bends = ([axis_basis(level, points[:, a], nu) for a in range(3)] for nu in (0, 2))
+    parts = [
+        np.einsum("ijk,pi,pj,pk->p", c, *(bends[e] if e == a else b[e] for e in range(3)), optimize=True)
+        for a in range(3)
+    ]
+    np.testing.assert_allclose(field.laplacians(points), sum(parts), rtol=0, atol=1e-11 * np.abs(c).max() * 4**level)
+    outside = np.array([[-0.1, 0.5, 0.5], [0.5, 0.5, np.nan]])
+    assert np.isnan(field.laplacians(outside)).all()
+
+
+def test_laplacians_are_taken_from_the_finest_level() -> None:
+    field = wavy(2)
+    field.refine(block((2, 2, 2), (6, 6, 6)))
+    coarse = wavy(2)
+    points = np.random.default_rng(3).random((300, 3))
+    np.testing.assert_allclose(field.laplacians(points), coarse.laplacians(points), rtol=0, atol=1e-9)
+    random_task(4, low=0.3, high=0.7).fit(field)
+    at = points[(np.abs(points - 0.5) < 0.2).all(axis=1)]
+    h = 1e-4
+    steps = np.concatenate([h * np.eye(3), -h * np.eye(3)])
+    slopes = np.stack([field.evaluate(at + s)[1] for s in steps])
+    differences = sum((slopes[a] - slopes[a + 3])[:, a] / (2 * h) for a in range(3))
+    # Third derivatives jump at the knots.
+    np.testing.assert_allclose(field.laplacians(at), differences, rtol=0, atol=2e-3 * np.abs(differences).max())
 
 
 def test_a_new_hierarchy_is_zero() -> None:
@@ -301,7 +334,7 @@ def dense_fit(task: Task, level: int, start: Floats, stored: NDArray[np.bool_], 
     gradient = np.stack([products(*(d[e] if e == a else b[e] for e in range(3))) for a in range(3)])
     add(
         np.einsum("pa,apq->pq", task.normals, gradient),
-        1.0 - np.einsum("pa,pa->p", task.normals, slope),
+        task.slope - np.einsum("pa,pa->p", task.normals, slope),
         task.normal_weights,
     )
     for a in range(3):
@@ -337,7 +370,7 @@ def dense_fit(task: Task, level: int, start: Floats, stored: NDArray[np.bool_], 
 
 @pytest.mark.parametrize(
     "change",
-    [{}, {"tangential": 1.0}, {"tangential": 0.0}, {"kink": 20.0}, {"smoothing": 0.3, "kink": 8.0}],
+    [{}, {"tangential": 1.0}, {"tangential": 0.0}, {"kink": 20.0}, {"smoothing": 0.3, "kink": 8.0}, {"slope": 2.5}],
     ids=str,
 )
 def test_a_fit_minimises_the_energy(change: dict[str, float]) -> None:
@@ -710,6 +743,12 @@ def test_unusable_numbers_are_refused(name: str, value: float) -> None:
     array[7] = value
     with pytest.raises(ValueError, match=name):
         replace(GOOD, **{name: array}).fit(Hierarchy(1))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_an_unusable_slope_is_refused(value: float) -> None:
+    with pytest.raises(ValueError, match="slope"):
+        replace(GOOD, slope=value).fit(Hierarchy(1))
 
 
 @pytest.mark.parametrize("name", ["smoothing", "kink", "tangential", "tolerance"])

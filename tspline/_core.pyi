@@ -5,7 +5,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Hierarchy", "System", "TMesh", "locate_cells", "planes", "sides_of"]
+__all__ = ["Hierarchy", "System", "TMesh", "locate_cells", "num_threads", "planes", "sides_of"]
 
 _Floats = NDArray[np.float64]
 _Ints = NDArray[np.int64]
@@ -95,6 +95,7 @@ class Hierarchy:
         tangential: float,
         tolerance: float,
         max_iterations: int,
+        slope: float = 1.0,
     ) -> tuple[int, bool, int]: ...
     def evaluate(self, at: _Floats) -> tuple[_Floats, _Floats, NDArray[np.uint8]]: ...
     def laplacians(self, at: _Floats) -> _Floats: ...
@@ -102,6 +103,7 @@ class Hierarchy:
     @property
     def sizes(self) -> list[int]: ...
 
+def num_threads() -> int: ...
 def planes(cloud: _Floats, queries: _Floats, patches: _Ints) -> tuple[_Floats, _Floats, _Floats]: ...
 def sides_of(
     cloud: _Floats,

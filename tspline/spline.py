@@ -18,7 +18,7 @@ from tspline.mesh import Floats, TMesh
 if TYPE_CHECKING:
     import trimesh
 
-    from tspline.contour import SurfaceMeasures
+    from tspline.contour import SurfaceMeasures, Triangles
 
 __all__ = ["TSpline"]
 
@@ -57,8 +57,8 @@ class TSpline:
         self._mesh = mesh
         self._coefficients = c
         self.metadata: dict[str, Any] = dict(metadata or {})
-        #: Triangulations of the zero set that were made, by subdivision: asking twice costs once.
-        self.triangulation: Any = None
+        #: The zero set's default triangulation, once made: asking twice costs once.
+        self.triangulation: Triangles | None = None
 
     @classmethod
     def fit(cls, mesh: TMesh, function: Callable[[Floats], ArrayLike], *, samples: int = 3) -> TSpline:

@@ -257,6 +257,8 @@ fn check(points: &[[f64; 3]], targets: &[Target], weights: &Weights) -> Result<(
             Some("normal_weights")
         } else if !t.normal.iter().all(|v| v.is_finite()) {
             Some("normals")
+        } else if !t.slope.is_finite() {
+            Some("slope")
         } else {
             None
         }
@@ -416,6 +418,7 @@ mod tests {
                 value: 1.0 + x[0] - 2.0 * x[1] + 3.0 * x[2],
                 normal_weight: 0.0,
                 normal: [0.0; 3],
+                slope: 1.0,
             })
             .collect();
         (points, targets)

@@ -38,3 +38,9 @@ pub mod walk;
 pub use error::{KernelError, Result};
 pub use mesh::TMesh;
 pub use system::{Equations, Rates, System};
+
+/// Number of threads that the kernels use.
+#[must_use]
+pub fn num_threads() -> usize {
+    rayon::current_num_threads()
+}

@@ -1,6 +1,6 @@
 //! Least-squares rows of points on a lattice, applied without ever forming their matrix.
 //!
-//! A point asks for a value, a (f(x) - t)^2, and for a gradient, b (|n . grad f - 1|^2 + s |P grad f|^2) with P the
+//! A point asks for a value, a (f(x) - t)^2, and for a gradient, b (|n . grad f - u|^2 + s |P grad f|^2) with P the
 //! projection along the unit normal n. Points are sorted by cell; cells are cut into slabs of four along the first axis.
 //! Slabs of even number write to disjoint nodes and run in parallel, then those of odd number: every node receives its
 //! sums in one order, whatever the number of threads.
@@ -20,9 +20,10 @@ pub struct Target {
     /// Weight of the value and the value.
     pub weight: f64,
     pub value: f64,
-    /// Weight of the gradient and the unit normal.
+    /// Weight of the gradient, the unit normal, and the slope u along it.
     pub normal_weight: f64,
     pub normal: [f64; 3],
+    pub slope: f64,
 }
 
 /// A row: four values and four slopes of the basis on each axis.
@@ -189,7 +190,7 @@ impl Rows {
         let t = &row.target;
         let pull = t.weight * (value - given * t.value);
         let along = (0..3).map(|a| gradient[a] * t.normal[a]).sum::<f64>();
-        let normal = t.normal_weight * ((1.0 - self.tangential) * along - given);
+        let normal = t.normal_weight * ((1.0 - self.tangential) * along - given * t.slope);
         let rest = t.normal_weight * self.tangential;
         (
             pull,
@@ -307,6 +308,7 @@ mod tests {
                 value: 0.3 - f64::from(q),
                 normal_weight: 0.2,
                 normal: [0.6, 0.0, 0.8],
+                slope: 1.5,
             })
             .collect();
         let rows = Rows::new(&lattice, &cells, &targets, 0.4).unwrap();
@@ -343,6 +345,7 @@ mod tests {
             value: 0.0,
             normal_weight: 0.0,
             normal: [0.0; 3],
+            slope: 1.0,
         };
         assert!(Rows::new(&lattice, &[[0.9, 0.0, 0.0]], &[target], 0.0).is_err());
     }

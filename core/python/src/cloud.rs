@@ -21,6 +21,12 @@ type Sides<'py> = (
     Bound<'py, PyArray1<f64>>,
 );
 
+/// Number of threads that the kernels use.
+#[pyfunction]
+pub fn num_threads() -> usize {
+    tspline_kernels::num_threads()
+}
+
 /// Centres, unit normals of either sign, and ascending variances of the patches' planes.
 #[pyfunction]
 pub fn planes<'py>(

@@ -75,7 +75,7 @@ impl Hierarchy {
 
     /// Fit the finest level; returns iterations, whether the tolerance was reached, and unknowns.
     #[pyo3(signature = (at, weights, targets, normal_weights, normals, *, smoothing, kink, tangential, tolerance,
-        max_iterations))]
+        max_iterations, slope = 1.0))]
     fn fit(
         &self,
         py: Python<'_>,
@@ -89,6 +89,7 @@ impl Hierarchy {
         tangential: f64,
         tolerance: f64,
         max_iterations: usize,
+        slope: f64,
     ) -> PyResult<(usize, bool, usize)> {
         let at = points::<3>(&at, "points")?;
         let normals = points::<3>(&normals, "normals")?;
@@ -111,6 +112,7 @@ impl Hierarchy {
                     value: t[p],
                     normal_weight: b[p],
                     normal: normals[p],
+                    slope,
                 })
                 .collect();
             let weights = Weights {

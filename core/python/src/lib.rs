@@ -15,7 +15,7 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _core {
     #[pymodule_export]
-    use super::cloud::{locate_cells, planes, sides_of};
+    use super::cloud::{locate_cells, num_threads, planes, sides_of};
     #[pymodule_export]
     use super::hierarchy::Hierarchy;
     #[pymodule_export]

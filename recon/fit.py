@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from recon.planar import PlanarFit, PlanarSettings
 from recon.point_cloud import PointCloud
 from recon.result import FitResult
-from recon.spatial import SpatialFit, SpatialSettings
+from recon.spatial import SpatialFit, SpatialSettings, distances
 from recon.sphere import SphereStart
 from tspline import TSpline
 from tspline.contour import components, euler_number, triangulate
@@ -130,7 +130,8 @@ def _surface(
         evolution = SphereStart(cloud.points, settings.gap, told, history)
         begun, vanished = evolution.run(begin)
         if vanished or evolution.stopped:
-            return _result(cloud, frame, begun, history, status=2 if vanished else 3, gap=settings.gap)
+            away = None if vanished else distances(begun, cloud.points)
+            return _result(cloud, frame, begun, history, away, status=2 if vanished else 3, gap=settings.gap)
         start = begun
     limits = SpatialSettings(settings.tolerance, settings.max_level, start)
     fit = SpatialFit(cloud, limits, told, history)

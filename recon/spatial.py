@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from recon.doubts import doubts
 from recon.orientation import Orientation, thinned
 from recon.outliers import isolated
 from recon.point_cloud import PointCloud
@@ -20,7 +21,7 @@ from tspline.contour import Triangles
 from tspline.evolve import EvolutionStep, StepRecord
 from tspline.evolve.evolution import Callback
 
-__all__ = ["SpatialFit", "SpatialSettings"]
+__all__ = ["SpatialFit", "SpatialSettings", "distances"]
 
 Floats = NDArray[np.float64]
 Cells = NDArray[np.uint32]
@@ -200,14 +201,14 @@ class SpatialFit:
                 break
             self._refine(asked)
         if self._left_out:
-            self.warnings.append(f"{self._left_out} outliers were left out")
+            self.warnings.append(f"{self._left_out} points far off the surface were left out")
         spline, self.triangles, removed = supported(self.spline(), self._points, self.spacing)
-        if self.triangles.in_wall.any():
-            self.warnings.append("the surface runs into the box and is cut there: too few points, or open data")
         if removed:
             self.warnings.append(f"{removed} closed surfaces without data were removed")
-        value, slope = spline(self.cloud.points), np.linalg.norm(spline.gradient(self.cloud.points), axis=1)
-        return spline, value / np.maximum(slope, 0.3), 3 if self.stopped else 0
+        residuals = distances(spline, self.cloud.points)
+        scale = self.spacing, self.noise, self.cloud.size
+        self.warnings += doubts(self.triangles, self._tree, residuals, *scale)
+        return spline, residuals, 3 if self.stopped else 0
 
     @property
     def _level(self) -> int:
@@ -474,6 +475,13 @@ def keys(cells: Cells) -> NDArray[np.int64]:
     """One number a cell (n, 3), in the cells' order."""
     order: NDArray[np.int64] = cells.astype(np.int64) @ np.array([1 << 42, 1 << 21, 1], dtype=np.int64)
     return order
+
+
+def distances(spline: TSpline, points: Floats) -> Floats:
+    """Signed first-order distances of points (n, 3) from the zero set, (n,)."""
+    value, slope = spline(points), np.linalg.norm(spline.gradient(points), axis=1)
+    away: Floats = value / np.maximum(slope, FLAT)
+    return away
 
 
 def feet(points: Floats, value: Floats, gradient: Floats) -> Floats:

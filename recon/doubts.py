@@ -66,7 +66,7 @@ def doubts(
     handles = parts - euler_number(found) // 2
     if FEW * (parts - 1 + handles) > len(residuals):
         told.append(
-            f"{parts} parts and {handles} handles for {len(residuals)} points: too few, or no samples of a surface"
+            f"few points for the shape's parts ({parts}) and handles ({handles}): too few, or no samples of a surface"
         )
     share = float(np.mean(np.abs(residuals) > max(SCATTERED[0] * spacing, SCATTERED[1] * noise)))
     if share > MANY:

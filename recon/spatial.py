@@ -390,7 +390,8 @@ class SpatialFit:
         else:
             places = (_core.Hierarchy.around(cells, n, 1) + 0.5) / n
         distance = self._far_tree.query(places)[0]
-        clear = distance > self.spacing
+        # The box's walls are outside, however close.
+        clear = (distance > self.spacing) | ((places == 0.0) | (places == 1.0)).any(axis=1)
         places, distance = places[clear], distance[clear]
         return places, distance * self._orientation.side(places)
 
@@ -406,7 +407,7 @@ class SpatialFit:
             levels.append(np.full(int(near.sum()), level, dtype=np.uint8))
         mesh = TMesh.from_points(UNIT, np.concatenate(places), np.concatenate(levels), pad=1, base=3)
         knots = np.ascontiguousarray(mesh.core.local_knots / float(1 << 20))
-        spline = TSpline(mesh, self._hierarchy.coefficients(knots))
+        spline = TSpline(mesh, self._signed(knots, self._hierarchy.coefficients(knots)))
         if not self._local:
             return spline
         # T-junctions cross the surface between the last two levels.
@@ -415,6 +416,15 @@ class SpatialFit:
         corners = np.stack(np.meshgrid(*[[-0.25, 0.25]] * 3), axis=-1).reshape(-1, 3)
         samples = (center[:, None] + side[:, None, None] * corners).reshape(-1, 3)
         return self._mended(spline, samples, 2.0 * float(side.max()))
+
+    def _signed(self, knots: Floats, coefficients: Floats) -> Floats:
+        """Coefficients of functions far off the surface with the field's sign there.
+
+        Across T-junctions a dual functional may be off by more than the field's value, which would make new parts.
+        """
+        value = self._hierarchy.evaluate(np.ascontiguousarray(np.clip(knots[:, :, 2], 0.0, 1.0)))[0]
+        span = (knots[:, :, 3] - knots[:, :, 1]).max(axis=1)
+        return np.where((value * coefficients < 0) & (np.abs(value) > 0.5 * span), value, coefficients)
 
     def _mended(self, spline: TSpline, samples: Floats, reach: float) -> TSpline:
         """The spline with what T-junctions at the zero set spoil made good, by least squares over samples there."""

@@ -146,6 +146,21 @@ def test_the_side_of_a_cube_on_a_lattice() -> None:
     np.testing.assert_array_equal(case.fit.residuals[len(points) :], case.fit.residuals[: len(points) : 3])
 
 
+@pytest.mark.parametrize("count", [30, 100, 200])
+def test_few_points_make_one_ball(count: int) -> None:
+    for seed in range(3):
+        case = Case.of(ball(count, seed=seed))
+        assert case.kind == (True, 1, 0)
+        lost = 1 - case.fit.spline.volume() * 3 / (4 * np.pi)
+        assert 0 < lost < 11 / count
+        if count >= 100:
+            assert case.fit.warnings == []
+
+
+def test_few_points_of_a_torus_keep_its_hole() -> None:
+    assert Case.of(torus(80, seed=1)[0]).kind == (True, 1, 1)
+
+
 def test_a_missing_cap_is_closed() -> None:
     points = ball(2500)
     points = points[points[:, 2] < 0.8]

@@ -226,7 +226,7 @@ def _color_bar(figure: Figure, panels: list[Axes], limit: float, *, bare: bool) 
     bar = figure.colorbar(mapped, cax=box, orientation="horizontal", extend="both", extendfrac=0.03)
     bar.outline.set_visible(False)
     bar.ax.tick_params(labelsize=7, length=2, width=0.5, pad=1.5, color=theme.MUTED, labelcolor=theme.MUTED)
-    bar.ax.xaxis.set_major_locator(MaxNLocator(6, symmetric=True))
+    bar.ax.xaxis.set_major_locator(MaxNLocator(4, symmetric=True))
     # the usual common factor would stand beside the label
     bar.ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}".replace("-", "\N{MINUS SIGN}", 1)))
     label = "residual of the nearest points, in their unit (red: outside)"

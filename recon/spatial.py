@@ -190,7 +190,7 @@ class SpatialFit:
         self._solve(PROBE * self.spacing)
         self.noise = min(self.noise, UNDERSTATED * float(np.median(np.abs(self._residual))))
         if not self._is_noisy:
-            self.noise = 0.0
+            self.noise, self._slope = 0.0, 1.0
         while not self.stopped:
             self._leave_out_strangers()
             self._solve(self._smoothing)

@@ -1,0 +1,5 @@
+//! Fields on grids: node values in blocks of eight an axis, kept near the zero set only where the grid is large.
+
+pub mod blocks;
+
+pub use blocks::{Blocks, Neighbor};

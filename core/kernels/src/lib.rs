@@ -23,6 +23,7 @@ pub mod hierarchy;
 pub mod lattice;
 pub mod local;
 pub mod mesh;
+pub mod net;
 mod part;
 pub mod patch;
 pub mod pattern;

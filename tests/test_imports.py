@@ -31,7 +31,7 @@ ORDER = [
         "geometry",
         "distance",
     ),
-    *("speed", "contour", "evolve", "sparse_field", "export", "figure", "morph", "edit"),
+    *("speed", "contour", "agreement", "evolve", "sparse_field", "export", "figure", "morph", "edit"),
 ]
 # Pairs that do not know each other although one stands before the other.
 STRANGERS = {("sparse_field", "evolve")}

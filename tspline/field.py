@@ -63,6 +63,11 @@ class LevelSet(ABC):
 
     @property
     @abstractmethod
+    def resolution(self) -> float:
+        """Side of the smallest cells, caller's units."""
+
+    @property
+    @abstractmethod
     def box_corner(self) -> Floats:
         """Upper corner of the domain in the box, shape (d,)."""
 

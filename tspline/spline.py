@@ -96,6 +96,11 @@ class TSpline(LevelSet):
         return self._mesh.size
 
     @property
+    def resolution(self) -> float:
+        """Side of the smallest leaf, caller's units."""
+        return self.size / float(1 << self._mesh.depth)
+
+    @property
     def box_corner(self) -> Floats:
         """Upper corner of the unit box."""
         return np.ones(self.dim)

@@ -174,6 +174,11 @@ class GridField(LevelSet):
         return self._grid.size
 
     @property
+    def resolution(self) -> float:
+        """Smallest spacing, caller's units."""
+        return float(self.spacing.min())
+
+    @property
     def box_corner(self) -> Floats:
         """Upper corner of the domain in the box."""
         corner: Floats = np.array(self._steps) * (np.array(self._grid.shape) - 1)

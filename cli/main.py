@@ -20,6 +20,7 @@ __all__ = ["COMMANDS", "main"]
 COMMANDS = {
     "segment": "contours, masks and labels from images",
     "fit": "an implicit curve or surface from unordered points",
+    "check": "T-spline against sparse field: both run, and where they disagree",
     "info": "what is in a model, image, mesh or point file",
     "demo": "segments an image and fits points; needs no input",
 }

@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -293,3 +294,32 @@ def test_importing_the_library_does_not_import_what_only_the_check_needs() -> No
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
     assert tspline.cross_check is cross_check
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("which", ["both", "first", "second", "none"])
+def test_figures_of_any_pair(dim: int, which: str, tmp_path: Path) -> None:
+    from tspline.figure.agreement import agreement_figure
+    from tspline.figure.evolution import save_figure
+
+    full = spline(ball((0.0,) * dim, 1.0), dim, 3)
+    nothing = grid(lambda x: np.ones(len(x)), dim, 12)
+    a, b = full if which in ("both", "first") else nothing, full if which in ("both", "second") else nothing
+    figure = agreement_figure(a, b, cross_check(a, b, samples=FEW), title="two")
+    save_figure(figure, tmp_path / "f.png")
+    # In space four panels and the colour bar, in the plane a second panel where there is a furthest place.
+    assert len(figure.axes) == (5 if dim == 3 else 2 if which == "both" else 1)
+
+
+def test_the_ring_of_an_image_is_drawn_in_its_axes() -> None:
+    from tspline.figure.agreement import agreement_figure
+    from tspline.figure.scene import ImageScene
+
+    a, b = spline(ball((1.0, 0.0), 0.5)), spline(ball((1.0, 0.0), 0.6))
+    found = cross_check(a, b, samples=FEW)
+    figure = agreement_figure(a, b, found, scene=ImageScene(np.eye(3)))
+    assert found.max_place is not None
+    # (row, col) of the place are (y, x) of the picture.
+    for axes in figure.axes:
+        (x,), (y,) = axes.lines[-1].get_data()
+        assert (y, x) == pytest.approx(found.max_place)

@@ -76,7 +76,7 @@ class PointScene:
 
     def draw_data(self, axes: Axes, *, faint: bool = False, near: bool = False) -> None:
         """Draw the points and set the view; enlarged they stand apart, and need not be faint."""
-        stride = -(-len(self.points) // _MAX_DRAWN_POINTS)
+        stride = max(1, -(-len(self.points) // _MAX_DRAWN_POINTS))
         shown = self.points[::stride]
         # marks of 2 points for a few hundred data, finer for many
         size = float(np.clip(60.0 / np.sqrt(len(shown) + 1.0), 0.5, 2.2))

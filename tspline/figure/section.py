@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -81,7 +82,9 @@ class Section:
         flat = cells[cut] @ self.view.axes[:2].T
         return np.stack([flat.min(axis=1), flat.max(axis=1)], axis=1)
 
-    def values(self, field: DrawnSolid, window: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def values(
+        self, field: Callable[[FloatArray], FloatArray], window: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The field on a grid over `window` (2, 2): ticks to the right (k,) and up (k,), values (k, k)."""
         right, up = (np.linspace(window[0, axis], window[1, axis], _GRID) for axis in (0, 1))
         flat = np.stack(np.meshgrid(right, up), axis=-1).reshape(-1, 2)

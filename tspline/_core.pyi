@@ -1,11 +1,12 @@
 """Compiled kernels: everything lives in the unit box, arrays are C-contiguous float64."""
 
+from collections.abc import Sequence
 from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Hierarchy", "System", "TMesh", "locate_cells", "num_threads", "planes", "sides_of"]
+__all__ = ["Hierarchy", "System", "TMesh", "locate_cells", "num_threads", "planes", "scan_convert", "sides_of"]
 
 _Floats = NDArray[np.float64]
 _Ints = NDArray[np.int64]
@@ -105,6 +106,14 @@ class Hierarchy:
 
 def num_threads() -> int: ...
 def planes(cloud: _Floats, queries: _Floats, patches: _Ints) -> tuple[_Floats, _Floats, _Floats]: ...
+def scan_convert(
+    vertices: _Floats,
+    faces: NDArray[np.uint32],
+    shape: Sequence[int],
+    origin: Sequence[float],
+    spacing: Sequence[float],
+    far: float,
+) -> tuple[NDArray[np.uint32], _Floats, NDArray[np.bool_]]: ...
 def sides_of(
     cloud: _Floats,
     normals: _Floats,

@@ -7,6 +7,7 @@ mod cloud;
 mod convert;
 mod hierarchy;
 mod mesh;
+mod scan;
 mod system;
 
 use pyo3::prelude::*;
@@ -20,6 +21,8 @@ mod _core {
     use super::hierarchy::Hierarchy;
     #[pymodule_export]
     use super::mesh::TMesh;
+    #[pymodule_export]
+    use super::scan::scan_convert;
     #[pymodule_export]
     use super::system::System;
 }

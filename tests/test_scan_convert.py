@@ -8,28 +8,21 @@ import numpy as np
 import pytest
 import trimesh
 from numpy.typing import NDArray
-
 from oracles.triangle_distance import brute_distance
+
 from tspline import _core
 from tspline.errors import InvalidArgumentError
 from tspline.grid import Grid
 from tspline.grid.closed_mesh import closed_mesh
 
 Floats = NDArray[np.float64]
-MESHES = Path(__file__).parents[2] / "shared" / "data" / "meshes"
 
 
 def dense(mesh: trimesh.Trimesh, grid: Grid, far: float) -> Floats:
-    """All values, put together from the blocks."""
+    """All values."""
     vertices, faces = closed_mesh(mesh)
-    places, values, inside = _core.scan_convert(
-        vertices, faces, grid.shape, grid.origin.tolist(), grid.spacing.tolist(), far
-    )
-    counts = [-(-n // 8) for n in grid.shape]
-    blocks = np.broadcast_to(np.where(inside, -far, far)[:, None], (len(inside), 512)).copy()
-    blocks[np.ravel_multi_index(tuple(places.T), counts)] = values
-    whole = blocks.reshape(*counts, 8, 8, 8).transpose(0, 3, 1, 4, 2, 5).reshape([8 * n for n in counts])
-    return whole[tuple(slice(n) for n in grid.shape)]
+    blocks = _core.scan_convert(vertices, faces, grid.shape, grid.origin.tolist(), grid.spacing.tolist(), far)
+    return blocks.to_dense()
 
 
 def some(grid: Grid, number: int, rng: np.random.Generator) -> tuple[tuple[NDArray[np.int64], ...], Floats]:
@@ -106,11 +99,8 @@ def test_a_mesh_does_not_depend_on_the_order_or_the_side_of_its_triangles(rng: n
 
 
 @pytest.mark.parametrize("name", ["kitten", "torus", "featuretype", "stelldodeca", "plateholes"])
-def test_real_meshes(name: str, rng: np.random.Generator) -> None:
-    path = MESHES / f"{name}.ply"
-    if not path.exists():
-        pytest.skip("needs the data folder")
-    mesh = trimesh.load(path, process=False)
+def test_real_meshes(name: str, data_folder: Path, rng: np.random.Generator) -> None:
+    mesh = trimesh.load(data_folder / "meshes" / f"{name}.ply", process=False)
     h = float(mesh.extents.max()) / 60
     grid = Grid.around(mesh.bounds, h, margin=4 * h)
     values = dense(mesh, grid, 3 * h)

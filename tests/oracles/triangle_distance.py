@@ -24,4 +24,5 @@ def _distances(p: Floats, corners: Floats) -> Floats:
     left = np.einsum("mkq,mkq->mk", np.cross(sides, away), np.broadcast_to(normal[:, None], sides.shape))
     length = np.maximum(np.linalg.norm(normal, axis=1), 1e-300)
     height = np.abs(np.einsum("mq,mq->m", away[:, 0], normal)) / length
-    return np.where((left >= 0).all(axis=1), np.minimum(height, nearest), nearest)
+    distances: Floats = np.where((left >= 0).all(axis=1), np.minimum(height, nearest), nearest)
+    return distances

@@ -65,8 +65,13 @@ def closed_mesh(mesh: MeshLike) -> tuple[Floats, Corners]:
 
 def _arrays(mesh: MeshLike) -> tuple[Floats, NDArray[np.int64]]:
     """Vertices and faces in the form that the rest needs, with all entries valid."""
-    pair = (mesh.vertices, mesh.faces) if hasattr(mesh, "faces") else mesh
-    require(isinstance(pair, tuple) and len(pair) == 2, "mesh", type(mesh).__name__, "a Trimesh or (vertices, faces)")
+    pair = mesh if isinstance(mesh, tuple) else tuple(getattr(mesh, name, None) for name in ("vertices", "faces"))
+    require(
+        len(pair) == 2 and pair[0] is not None and pair[1] is not None,
+        "mesh",
+        type(mesh).__name__,
+        "a Trimesh or (vertices, faces)",
+    )
     vertices = np.ascontiguousarray(pair[0], dtype=np.float64)
     faces = np.asarray(pair[1])
     require(vertices.ndim == 2 and vertices.shape[1] == 3, "vertices", f"shape {vertices.shape}", "(n, 3)")
@@ -84,7 +89,8 @@ def _arrays(mesh: MeshLike) -> tuple[Floats, NDArray[np.int64]]:
 
 def _without_repeats(faces: NDArray[np.int64]) -> NDArray[np.int64]:
     a, b, c = faces.T
-    return faces[(a != b) & (b != c) & (c != a)]
+    kept: NDArray[np.int64] = faces[(a != b) & (b != c) & (c != a)]
+    return kept
 
 
 def _edges(faces: NDArray[np.int64]) -> tuple[int, int]:

@@ -59,11 +59,13 @@ class Union:
 
     def f(self, points: Floats) -> Floats:
         """min f at points (k, d), shape (k,)."""
-        return np.minimum.reduce([part.f(points) for part in self.parts])
+        joined: Floats = np.minimum.reduce([part.f(points) for part in self.parts])
+        return joined
 
     def clearance(self, points: Floats) -> Floats:
         """A field (k,) of slope 1 at most with the sign of `f`."""
-        return np.minimum.reduce([part.clearance(points) for part in self.parts])
+        joined: Floats = np.minimum.reduce([part.clearance(points) for part in self.parts])
+        return joined
 
 
 @dataclass(frozen=True, init=False)
@@ -88,11 +90,13 @@ class Intersection:
 
     def f(self, points: Floats) -> Floats:
         """max f at points (k, d), shape (k,)."""
-        return np.maximum.reduce([part.f(points) for part in self.parts])
+        joined: Floats = np.maximum.reduce([part.f(points) for part in self.parts])
+        return joined
 
     def clearance(self, points: Floats) -> Floats:
         """A field (k,) of slope 1 at most with the sign of `f`."""
-        return np.maximum.reduce([part.clearance(points) for part in self.parts])
+        joined: Floats = np.maximum.reduce([part.clearance(points) for part in self.parts])
+        return joined
 
 
 @dataclass(frozen=True, init=False)
@@ -119,11 +123,15 @@ class Difference:
 
     def f(self, points: Floats) -> Floats:
         """max(a, -b) at points (k, d), shape (k,)."""
-        return np.maximum.reduce([self.solid.f(points), *(-part.f(points) for part in self.removed)])
+        joined: Floats = np.maximum.reduce([self.solid.f(points), *(-part.f(points) for part in self.removed)])
+        return joined
 
     def clearance(self, points: Floats) -> Floats:
         """A field (k,) of slope 1 at most with the sign of `f`."""
-        return np.maximum.reduce([self.solid.clearance(points), *(-part.clearance(points) for part in self.removed)])
+        joined: Floats = np.maximum.reduce(
+            [self.solid.clearance(points), *(-part.clearance(points) for part in self.removed)]
+        )
+        return joined
 
 
 def _alike(parts: tuple[Solid, ...]) -> tuple[Solid, ...]:

@@ -3,6 +3,8 @@
 // Arguments arrive from Python by value.
 #![allow(clippy::needless_pass_by_value)]
 
+#[macro_use]
+mod blocks;
 mod cloud;
 mod convert;
 mod hierarchy;
@@ -15,6 +17,8 @@ use pyo3::prelude::*;
 /// Compiled kernels of the T-spline level-set toolkit; everything lives in the unit box.
 #[pymodule]
 mod _core {
+    #[pymodule_export]
+    use super::blocks::Blocks;
     #[pymodule_export]
     use super::cloud::{locate_cells, num_threads, planes, sides_of};
     #[pymodule_export]

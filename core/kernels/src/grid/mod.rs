@@ -1,10 +1,12 @@
 //! Fields on grids: node values in blocks of eight an axis, kept near the zero set only where the grid is large.
 
 pub mod blocks;
+pub mod interpolant;
 pub mod nodes;
 pub mod scan;
 pub mod triangle;
 pub mod windings;
 
 pub use blocks::{Blocks, Neighbor};
+pub use interpolant::Interpolant;
 pub use nodes::Nodes;

@@ -128,18 +128,17 @@ def test_blocks_hold_what_the_whole_grid_would() -> None:
 
 
 def test_bad_numbers_are_refused() -> None:
-    for change, name in [
+    changes: list[tuple[dict[str, Any], str]] = [
         ({"center": [0.0]}, "center"),
         ({"radii": [1, 2, 0]}, "radii"),
         ({"radii": [1, 2]}, "radii"),
         ({"exponents": (1, 2.5)}, "exponents"),
         ({"rotation": 2 * np.eye(3)}, "rotation"),
         ({"rotation": np.eye(2)}, "rotation"),
-    ]:
-        arguments: dict[str, Any] = {"center": [0, 0, 0], "radii": [1, 1, 1]}
-        arguments.update(change)
+    ]
+    for change, name in changes:
         with pytest.raises(InvalidArgumentError, match=name):
-            Superellipsoid(**arguments)
+            Superellipsoid(**({"center": [0, 0, 0], "radii": [1, 1, 1]} | change))
     with pytest.raises(InvalidArgumentError, match="parts"):
         Union()
     with pytest.raises(InvalidArgumentError, match="parts"):

@@ -1,5 +1,21 @@
 """Evolution of level sets on grids."""
 
+from tspline.sparse_field.cubic_field import CubicField
+from tspline.sparse_field.dense import DenseSolver
+from tspline.sparse_field.narrow_band import NarrowBand
+from tspline.sparse_field.scheme import Scheme, SchemeOptions, SchemeRecord, SchemeResult, SchemeStep
+from tspline.sparse_field.semi_lagrangian import SemiLagrangian
 from tspline.sparse_field.time_step import time_step_bound
 
-__all__ = ["time_step_bound"]
+__all__ = [
+    "CubicField",
+    "DenseSolver",
+    "NarrowBand",
+    "Scheme",
+    "SchemeOptions",
+    "SchemeRecord",
+    "SchemeResult",
+    "SchemeStep",
+    "SemiLagrangian",
+    "time_step_bound",
+]

@@ -1,14 +1,43 @@
 """Compiled kernels: everything lives in the unit box, arrays are C-contiguous float64."""
 
+from collections.abc import Sequence
 from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Hierarchy", "System", "TMesh", "locate_cells", "num_threads", "planes", "sides_of"]
+__all__ = ["Blocks", "Hierarchy", "System", "TMesh", "locate_cells", "num_threads", "planes", "sides_of"]
 
 _Floats = NDArray[np.float64]
 _Ints = NDArray[np.int64]
+
+@final
+class Blocks:
+    @staticmethod
+    def from_dense(values: _Floats, far: float) -> Blocks: ...
+    @staticmethod
+    def from_parts(
+        shape: Sequence[int],
+        far: float,
+        places: NDArray[np.uint32],
+        values: _Floats,
+        inside: NDArray[np.bool_],
+    ) -> Blocks: ...
+    def to_dense(self) -> _Floats: ...
+    @property
+    def shape(self) -> list[int]: ...
+    @property
+    def counts(self) -> list[int]: ...
+    @property
+    def far(self) -> float: ...
+    @property
+    def places(self) -> NDArray[np.uint32]: ...
+    @property
+    def values(self) -> _Floats: ...
+    @property
+    def inside(self) -> NDArray[np.bool_]: ...
+    @property
+    def num_blocks(self) -> int: ...
 
 @final
 class TMesh:

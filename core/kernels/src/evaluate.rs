@@ -156,7 +156,7 @@ impl<const D: usize> Scratch<D> {
 
 /// The jet whose derivative of order (i, j, k) along the axes is `m[i][j][k]`.
 #[inline]
-fn moments_to_jet<const D: usize, const ORDER: usize>(m: &[[[f64; 3]; 3]; 3]) -> Jet<D> {
+pub fn moments_to_jet<const D: usize, const ORDER: usize>(m: &[[[f64; 3]; 3]; 3]) -> Jet<D> {
     let at = |a: usize, b: usize| {
         let order = |axis: usize| usize::from(a == axis) + usize::from(b == axis);
         m[order(0)][order(1)][order(2)]

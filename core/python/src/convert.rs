@@ -29,6 +29,17 @@ pub fn run<T: Send>(
     result
 }
 
+/// Refuse dimensions other than 2 and 3.
+pub fn dimension(dim: usize) -> PyResult<()> {
+    if dim == 2 || dim == 3 {
+        Ok(())
+    } else {
+        Err(PyValueError::new_err(format!(
+            "dim: found {dim}, accepted is 2 or 3"
+        )))
+    }
+}
+
 /// Contiguous values.
 pub fn values<'a>(array: &'a Values<'_>, name: &str) -> PyResult<&'a [f64]> {
     array

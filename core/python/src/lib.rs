@@ -3,10 +3,13 @@
 // Arguments arrive from Python by value.
 #![allow(clippy::needless_pass_by_value)]
 
+#[macro_use]
+mod blocks;
 mod cloud;
 mod convert;
 mod hierarchy;
 mod mesh;
+mod sparse_field;
 mod system;
 
 use pyo3::prelude::*;
@@ -15,11 +18,15 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _core {
     #[pymodule_export]
+    use super::blocks::Blocks;
+    #[pymodule_export]
     use super::cloud::{locate_cells, num_threads, planes, sides_of};
     #[pymodule_export]
     use super::hierarchy::Hierarchy;
     #[pymodule_export]
     use super::mesh::TMesh;
+    #[pymodule_export]
+    use super::sparse_field::SparseField;
     #[pymodule_export]
     use super::system::System;
 }

@@ -10,7 +10,7 @@ use tspline_kernels::refine;
 use tspline_kernels::tree::{Leaf, Tree};
 use tspline_kernels::{bulk, contour, project, surface, TMesh as Kernel};
 
-use crate::convert::{points, raise, run, values, Points, Values};
+use crate::convert::{dimension, points, raise, run, values, Points, Values};
 
 /// The mesh of either dimension.
 #[derive(Clone)]
@@ -62,16 +62,6 @@ type Triangles<'py> = (
 #[pyclass(frozen, module = "tspline._core")]
 pub struct TMesh {
     pub inner: Mesh,
-}
-
-fn dimension(dim: usize) -> PyResult<()> {
-    if dim == 2 || dim == 3 {
-        Ok(())
-    } else {
-        Err(PyValueError::new_err(format!(
-            "dim: found {dim}, accepted is 2 or 3"
-        )))
-    }
 }
 
 fn leaves<const D: usize>(corners: &PyReadonlyArray2<'_, u32>, levels: &[u8]) -> PyResult<Vec<Leaf<D>>> {

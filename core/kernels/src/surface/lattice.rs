@@ -23,10 +23,12 @@ pub struct Brick {
     pub first: [u32; 64],
 }
 
-/// Bricks by their place. Cubes and nodes are numbered from 0 to n an axis; the layers -1 and n of cubes lie outside the
+/// Bricks by their place. Cubes and nodes are numbered from 0 to n along each axis; the layers -1 and n of cubes lie outside the
 /// box and their outer nodes count as outside, which closes the surface along the box.
 pub struct Lattice {
-    pub n: i32,
+    pub n: [i32; 3],
+    /// Sides of a cube.
+    pub side: [f64; 3],
     pub bricks: Vec<Brick>,
     index: FxHashMap<[i32; 3], u32>,
 }
@@ -85,10 +87,11 @@ pub fn bits(mut mask: u64) -> impl Iterator<Item = usize> {
 }
 
 impl Lattice {
-    /// `n` cubes an axis, none of them live.
-    pub fn new(n: i32) -> Self {
+    /// `n` cubes along each axis with the given sides, none of them live.
+    pub fn new(n: [i32; 3], side: [f64; 3]) -> Self {
         Self {
             n,
+            side,
             bricks: Vec::new(),
             index: FxHashMap::default(),
         }
@@ -222,7 +225,7 @@ impl Lattice {
         let n = self.n;
         let mut outer = Vec::new();
         for brick in &self.bricks {
-            if (0..3).all(|a| brick.corner[a] > 0 && brick.corner[a] + 4 < n) {
+            if (0..3).all(|a| brick.corner[a] > 0 && brick.corner[a] + 4 < n[a]) {
                 continue;
             }
             for k in bits(brick.live) {
@@ -230,7 +233,7 @@ impl Lattice {
                 for direction in 1..27 {
                     let step = [direction % 3, direction / 3 % 3, direction / 9];
                     let q: [i32; 3] = std::array::from_fn(|a| p[a] + [0, -1, 1][step[a]]);
-                    if (0..3).all(|a| step[a] == 0 || q[a] < 0 || q[a] >= n) {
+                    if (0..3).all(|a| step[a] == 0 || q[a] < 0 || q[a] >= n[a]) {
                         outer.push(q);
                     }
                 }

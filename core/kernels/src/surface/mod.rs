@@ -1,37 +1,38 @@
-//! Closed triangle meshes on the zero set of a T-spline in space, by dual marching cubes on a sparse lattice.
+//! Closed triangle meshes on the zero set of a field in space, by dual marching cubes on a sparse lattice.
 
 mod faces;
 mod hull;
-mod lattice;
+pub(crate) mod lattice;
 mod live;
+mod local;
 mod relax;
 mod table;
 mod vertices;
 
 use crate::bulk::evaluate;
 use crate::error::{KernelError, Result};
+use crate::field::Field;
 use crate::mesh::TMesh;
 use crate::tree::{MAX_LEVEL, SIDE};
 use lattice::Lattice;
 use live::{Live, Signs};
+use local::Local;
 
 /// A closed 2-manifold: every edge has two triangles, every vertex one fan of them. Triangles are counter-clockwise seen
 /// from outside (f > 0).
 #[derive(Debug, Clone, Default)]
 pub struct Surface {
-    /// In the unit box.
+    /// In the box.
     pub vertices: Vec<[f64; 3]>,
     /// Unit normals, outward.
     pub normals: Vec<[f64; 3]>,
     pub triangles: Vec<[i64; 3]>,
-    /// The lattice has `2^level` cubes an axis.
-    pub level: u8,
 }
 
 /// Signs of sums are trusted beyond this share of the largest coefficient.
-const MARGIN: f64 = 1e-12;
+pub(crate) const MARGIN: f64 = 1e-12;
 /// Values below this share of it count as zero, and zero counts as outside.
-const ZERO: f64 = 1e-14;
+pub(crate) const ZERO: f64 = 1e-14;
 
 /// The zero set, triangulated on a lattice `2^subdivision` times as fine as the smallest leaves that it visits. The
 /// outside of the box counts as f > 0, so that shapes cut by the box are closed along it.
@@ -50,22 +51,32 @@ pub fn surface(mesh: &TMesh<3>, c: &[f64], subdivision: i8) -> Result<Surface> {
     }
     let level = level.max(0) as u8;
     let live = signs.cubes(level)?;
-    let mut lattice = Lattice::new(1 << level);
+    let mut lattice = Lattice::new([1 << level; 3], [1.0 / f64::from(1 << level); 3]);
     give_values(&mut lattice, &signs, &live, level)?;
     drop(live);
-    let count = lattice.classify(ZERO * scale);
+    triangulate(lattice, ZERO * scale, || Local::new(mesh, c))
+}
+
+/// The surface between the inside (values below `-zero`) and outside nodes of a lattice, its vertices on the zero set of
+/// the field that made the values.
+pub(crate) fn triangulate<F: Field<3>>(
+    mut lattice: Lattice,
+    zero: f64,
+    field: impl Fn() -> F + Sync + Send,
+) -> Result<Surface> {
+    let count = lattice.classify(zero);
     let quads = faces::quads(&lattice)?;
-    let (mut vertices, mut normals) = vertices::vertices(mesh, c, &lattice);
+    let (mut vertices, mut normals) = vertices::vertices(&field, &lattice);
     debug_assert_eq!(vertices.len(), count);
-    let side = 1.0 / f64::from(lattice.n);
+    let side = lattice.side;
+    let high = std::array::from_fn(|a| f64::from(lattice.n[a]) * side[a]);
     drop(lattice);
-    relax::relax(mesh, c, side, &quads, &mut vertices, &mut normals);
+    relax::relax(&field, high, side, &quads, &mut vertices, &mut normals);
     let triangles = faces::triangles(&quads, &vertices, &normals);
     Ok(Surface {
         vertices,
         normals,
         triangles,
-        level,
     })
 }
 
@@ -97,7 +108,7 @@ fn give_values(lattice: &mut Lattice, signs: &Signs<'_>, live: &Live, level: u8)
             sign => lattice.put(node, f64::from(sign) * f64::INFINITY, &mut last),
         }
     }
-    let scale = 1.0 / f64::from(lattice.n);
+    let scale = lattice.side[0];
     let places: Vec<[f64; 3]> = nodes.iter().map(|p| p.map(|x| f64::from(x) * scale)).collect();
     let values = evaluate(signs.mesh, signs.c, &places, 0)?.values;
     for (&node, value) in nodes.iter().zip(values) {

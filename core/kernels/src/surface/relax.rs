@@ -6,8 +6,7 @@
 use rayon::prelude::*;
 
 use super::faces::{cut, shape};
-use super::vertices::Field;
-use crate::mesh::TMesh;
+use crate::field::Field;
 
 /// Rounds of moves.
 const ROUNDS: usize = 3;
@@ -20,11 +19,11 @@ const STEPS: usize = 6;
 /// Distance from the zero set, in units of the box, that counts as none.
 const REACHED: f64 = 1e-14;
 
-/// Move the vertices of thin triangles; `side` is that of a cube.
-pub fn relax(
-    mesh: &TMesh<3>,
-    c: &[f64],
-    side: f64,
+/// Move the vertices of thin triangles in the box up to `high`; `side` has the sides of a cube.
+pub fn relax<F: Field<3>>(
+    field: impl Fn() -> F + Sync,
+    high: [f64; 3],
+    side: [f64; 3],
     quads: &[[u32; 4]],
     points: &mut [[f64; 3]],
     normals: &mut [[f64; 3]],
@@ -34,7 +33,7 @@ pub fn relax(
     for round in 0..ROUNDS {
         // What is on the box stays there: it closes the shape.
         let thin: Vec<usize> = (0..points.len())
-            .filter(|&v| worst[v] < THIN && points[v].iter().all(|&x| x > 0.0 && x < 1.0))
+            .filter(|&v| worst[v] < THIN && (0..3).all(|a| points[v][a] > 0.0 && points[v][a] < high[a]))
             .collect();
         if thin.is_empty() {
             return;
@@ -49,7 +48,7 @@ pub fn relax(
             .par_chunks(CHUNK)
             .zip(middles.par_chunks(CHUNK))
             .flat_map_iter(|(thin, middles)| {
-                let mut field = Field::new(mesh, c);
+                let mut field = field();
                 let moves: Vec<_> = thin
                     .iter()
                     .zip(middles)
@@ -57,7 +56,7 @@ pub fn relax(
                         let home = origin
                             .binary_search_by_key(&v, |o| o.0)
                             .map_or(places[v], |k| origin[k].1);
-                        arrive(&mut field, middle, &home, &directions[v], side)
+                        arrive(&mut field, middle, &home, &directions[v], [&high, &side])
                     })
                     .collect();
                 moves
@@ -129,21 +128,21 @@ fn middles(thin: &[usize], quads: &[[u32; 4]], points: &[[f64; 3]]) -> Vec<[f64;
 
 /// The zero set near `start`, at most half a cube from `home` along each axis and with a normal like `normal`.
 fn arrive(
-    field: &mut Field<'_>,
+    field: &mut impl Field<3>,
     start: &[f64; 3],
     home: &[f64; 3],
     normal: &[f64; 3],
-    side: f64,
+    [high, side]: [&[f64; 3]; 2],
 ) -> Option<[[f64; 3]; 2]> {
     let clip = |x: [f64; 3]| -> [f64; 3] {
-        std::array::from_fn(|a| x[a].clamp(home[a] - 0.5 * side, home[a] + 0.5 * side))
+        std::array::from_fn(|a| x[a].clamp(home[a] - 0.5 * side[a], home[a] + 0.5 * side[a]))
     };
     let mut x = clip(*start);
     for _ in 0..STEPS {
-        if x.iter().any(|&v| v <= 0.0 || v >= 1.0) {
+        if (0..3).any(|a| x[a] <= 0.0 || x[a] >= high[a]) {
             return None;
         }
-        let f = field.at(&x);
+        let f = field.jet(&x);
         let g = f.gradient;
         let square = g[0] * g[0] + g[1] * g[1] + g[2] * g[2];
         if f.value.abs() <= REACHED * square.sqrt() {

@@ -37,7 +37,7 @@ fn euler(quads: &[[u32; 4]], count: usize) -> i64 {
 
 /// A lattice with all cubes live and the given values at the nodes.
 fn full(n: i32, mut value: impl FnMut([i32; 3]) -> f64) -> Lattice {
-    let mut lattice = Lattice::new(n);
+    let mut lattice = Lattice::new([n; 3], [1.0 / f64::from(n); 3]);
     let mut last = usize::MAX;
     for z in 0..=n {
         for y in 0..=n {

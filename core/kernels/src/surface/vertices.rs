@@ -6,8 +6,7 @@ use rayon::prelude::*;
 use super::lattice::{bits, place, Lattice};
 use super::table::{ends, table};
 use crate::evaluate::Jet;
-use crate::mesh::TMesh;
-use crate::polynomial::Quotient;
+use crate::field::Field;
 
 /// Bricks in one unit of parallel work.
 const CHUNK: usize = 32;
@@ -23,7 +22,7 @@ const LAST_STEP: f64 = 1e-7;
 struct Site {
     low: [f64; 3],
     high: [f64; 3],
-    /// Side of a cube.
+    /// Shortest side of a cube.
     side: f64,
     start: [f64; 3],
     /// Corners at the ends of the loop's edges, an outside and an inside one.
@@ -34,23 +33,23 @@ struct Site {
     crossed: bool,
 }
 
-/// Positions in the unit box and unit normals, in the order of `Brick::first`.
-pub fn vertices(mesh: &TMesh<3>, c: &[f64], lattice: &Lattice) -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
+/// Positions in the box and unit normals, in the order of `Brick::first`.
+pub fn vertices<F: Field<3>>(
+    field: impl Fn() -> F + Sync + Send,
+    lattice: &Lattice,
+) -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
     let numbers: Vec<usize> = (0..lattice.bricks.len())
         .filter(|&b| lattice.bricks[b].active != 0)
         .collect();
     let parts: Vec<Vec<[[f64; 3]; 2]>> = numbers
         .par_chunks(CHUNK)
-        .map_init(
-            || Field::new(mesh, c),
-            |field, numbers| vertices_of(field, lattice, numbers),
-        )
+        .map_init(field, |field, numbers| vertices_of(field, lattice, numbers))
         .collect();
     parts.into_iter().flatten().map(|[x, n]| (x, n)).unzip()
 }
 
 #[multiversion(targets("x86_64+avx+avx2"))]
-fn vertices_of<'a>(field: &mut Field<'a>, lattice: &Lattice, numbers: &[usize]) -> Vec<[[f64; 3]; 2]> {
+fn vertices_of<F: Field<3>>(field: &mut F, lattice: &Lattice, numbers: &[usize]) -> Vec<[[f64; 3]; 2]> {
     let mut out = Vec::new();
     for &b in numbers {
         sites(lattice, b, |site| out.push(settle(field, &site)));
@@ -64,24 +63,25 @@ fn sites(lattice: &Lattice, b: usize, mut visit: impl FnMut(Site)) {
     let brick = &lattice.bricks[b];
     let around = lattice.around(b, 1);
     let n = lattice.n;
-    let scale = 1.0 / f64::from(n);
-    let position = |p: [i32; 3]| p.map(|x| f64::from(x.clamp(0, n)) * scale);
+    let scale = lattice.side;
+    let position =
+        |p: [i32; 3]| -> [f64; 3] { std::array::from_fn(|a| f64::from(p[a].clamp(0, n[a])) * scale[a]) };
     for k in bits(brick.active) {
         let p = place(brick.corner, k);
         let node: [[i32; 3]; 8] =
             std::array::from_fn(|c| std::array::from_fn(|a| p[a] + (c >> a & 1) as i32));
-        let in_box: [bool; 8] = node.map(|q| q.iter().all(|x| (0..=n).contains(x)));
+        let in_box: [bool; 8] = node.map(|q| (0..3).all(|a| (0..=n[a]).contains(&q[a])));
         let values: [f64; 8] = std::array::from_fn(|c| value(lattice, &around, k, c));
         let places = node.map(position);
         let patches = table().patches(brick.cases[k], brick.turned >> k & 1 == 1);
         let (low, high) = (places[0], places[7]);
-        let wall = std::array::from_fn(|a| f64::from(i8::from(p[a] >= n) - i8::from(p[a] < 0)));
+        let wall = std::array::from_fn(|a| f64::from(i8::from(p[a] >= n[a]) - i8::from(p[a] < 0)));
         for of in 0..patches.count {
             let edges = (0..12).filter(|&e| patches.of_edge[e] == of);
             let mut site = Site {
                 low,
                 high,
-                side: scale,
+                side: scale[0].min(scale[1]).min(scale[2]),
                 start: [0.0; 3],
                 ends: [[0.0; 3]; 2],
                 wall,
@@ -144,52 +144,16 @@ fn crossing(a: f64, b: f64) -> f64 {
     }
 }
 
-/// The field with the element of the last point at hand.
-pub struct Field<'a> {
-    mesh: &'a TMesh<3>,
-    c: &'a [f64],
-    quotient: Quotient<3>,
-    low: [f64; 3],
-    high: [f64; 3],
-}
-
-impl<'a> Field<'a> {
-    pub fn new(mesh: &'a TMesh<3>, c: &'a [f64]) -> Self {
-        Self {
-            mesh,
-            c,
-            quotient: Quotient::new(),
-            low: [1.0; 3],
-            high: [0.0; 3],
-        }
-    }
-
-    #[inline(always)]
-    pub fn at(&mut self, x: &[f64; 3]) -> Jet<3> {
-        if !(0..3).all(|a| self.low[a] <= x[a] && x[a] <= self.high[a]) {
-            let elements = self.mesh.elements();
-            let Some(e) = elements.locate(self.mesh.tree(), x) else {
-                return Jet::OUTSIDE;
-            };
-            let (corner, side) = elements.frame(e);
-            self.low = corner;
-            self.high = std::array::from_fn(|a| corner[a] + side[a]);
-            self.quotient.load(elements, e, self.c);
-        }
-        self.quotient.at::<1>(x)
-    }
-}
-
 /// The vertex and its normal.
 #[inline(always)]
-fn settle(field: &mut Field<'_>, site: &Site) -> [[f64; 3]; 2] {
+fn settle(field: &mut impl Field<3>, site: &Site) -> [[f64; 3]; 2] {
     if !site.crossed {
         return [site.start, unit(site.wall).unwrap_or([0.0; 3])];
     }
     let mut x = site.start;
     // Steps along the gradient, kept within the cube: a vertex in its own cube cannot turn its quads over.
     for _ in 0..STEPS {
-        let f = field.at(&x);
+        let f = field.jet(&x);
         let mut g = f.gradient;
         for a in 0..3 {
             let outward = (x[a] <= site.low[a] && f.value * g[a] > 0.0)
@@ -217,25 +181,25 @@ fn settle(field: &mut Field<'_>, site: &Site) -> [[f64; 3]; 2] {
             return [x, normal(&f, site)];
         }
     }
-    let f = field.at(&x);
+    let f = field.jet(&x);
     if f.value.abs() <= 1e-12 * dot(&f.gradient, &f.gradient).sqrt() {
         return [x, normal(&f, site)];
     }
     let x = bisect(field, site);
-    let f = field.at(&x);
+    let f = field.jet(&x);
     [x, normal(&f, site)]
 }
 
 #[inline(never)]
 /// The zero between the start and the corner of the loop with the other sign.
-fn bisect(field: &mut Field<'_>, site: &Site) -> [f64; 3] {
-    let inside = field.at(&site.start).value < 0.0;
+fn bisect(field: &mut impl Field<3>, site: &Site) -> [f64; 3] {
+    let inside = field.jet(&site.start).value < 0.0;
     let (from, to) = (site.start, site.ends[usize::from(!inside)]);
     let at = |t: f64| std::array::from_fn(|a| from[a] + t * (to[a] - from[a]));
     let (mut low, mut high) = (0.0, 1.0);
     for _ in 0..50 {
         let middle = 0.5 * (low + high);
-        if (field.at(&at(middle)).value < 0.0) == inside {
+        if (field.jet(&at(middle)).value < 0.0) == inside {
             low = middle;
         } else {
             high = middle;

@@ -23,7 +23,7 @@ __all__ = ["fit_points"]
 
 MESSAGES = {
     0: "converged",
-    1: "the step limit was reached before the curve came to rest",
+    1: "the step limit was reached before the zero set came to rest",
     2: "the zero set vanished before it met the data; try init='auto' or a larger gap",
     3: "stopped by the callback",
 }
@@ -81,7 +81,7 @@ def fit_points(
     Raises
     ------
     ValueError
-        For points that cannot be fitted: NaN, fewer than three, all on one line, wrong shapes.
+        For points that cannot be fitted: NaN, fewer than d + 1, all on one line (plane), wrong shapes.
 
     Notes
     -----

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from recon.cells import thinned
 from recon.point_speed import PointSpeed
 from recon.start import Field
+from recon.support import parts
 from tspline import TMesh, TSpline
 from tspline.contour import triangulate
 from tspline.evolve import Evolution, EvolutionStep, EvolveOptions, StepRecord
@@ -222,12 +222,10 @@ class Surface:
         count = len(found.vertices)
         if count == 0:
             return None
-        edges = found.edges
-        graph = coo_array((np.ones(len(edges), dtype=bool), (edges[:, 0], edges[:, 1])), shape=(count, count))
-        parts, part = connected_components(graph, directed=False)
-        own = np.bincount(part[cKDTree(found.vertices).query(data)[1]], minlength=parts) / len(data)
+        number, part = parts(found)
+        own = np.bincount(part[cKDTree(found.vertices).query(data)[1]], minlength=number) / len(data)
         # Where parts separate, flakes of the zero set are left between them, with no data of their own.
-        kept = (own > SUPPORT * np.bincount(part, minlength=parts) / count)[part]
+        kept = (own > SUPPORT * np.bincount(part, minlength=number) / count)[part]
         if not kept.any():
             return None
         away = cKDTree(found.vertices[kept]).query(data)[0]
@@ -278,15 +276,6 @@ def without_outliers(points: Floats, gap: float) -> Floats:
     company = cKDTree(points).query(points, k=[COMPANY + 1])[0][:, 0] <= 0.5 * gap
     # Most of the points cannot be outliers: then it is the gap that is too narrow.
     chosen: Floats = points[company] if np.mean(company) > 0.5 else points
-    return chosen
-
-
-def thinned(points: Floats, side: float) -> Floats:
-    """One point of each cube of `side`."""
-    number = np.floor(points / side).astype(np.int64)
-    most = int(np.ceil(1.0 / side)) + 1
-    first = np.unique((number[:, 0] * most + number[:, 1]) * most + number[:, 2], return_index=True)[1]
-    chosen: Floats = points[np.sort(first)]
     return chosen
 
 

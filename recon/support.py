@@ -11,7 +11,7 @@ from recon.point_tree import PointTree
 from tspline import TSpline
 from tspline.contour import Triangles, triangulate
 
-__all__ = ["supported"]
+__all__ = ["parts", "supported"]
 
 Floats = NDArray[np.float64]
 

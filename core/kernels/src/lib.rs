@@ -16,6 +16,7 @@ pub mod dissection;
 pub mod element;
 pub mod error;
 pub mod evaluate;
+pub mod front;
 pub mod field;
 pub mod gauss;
 pub mod grid;

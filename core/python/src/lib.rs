@@ -10,6 +10,7 @@ mod convert;
 mod hierarchy;
 mod mesh;
 mod scan;
+mod sparse_field;
 mod system;
 
 use pyo3::prelude::*;
@@ -27,6 +28,8 @@ mod _core {
     use super::mesh::TMesh;
     #[pymodule_export]
     use super::scan::scan_convert;
+    #[pymodule_export]
+    use super::sparse_field::SparseField;
     #[pymodule_export]
     use super::system::System;
 }

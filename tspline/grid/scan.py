@@ -81,7 +81,11 @@ def solid_blocks(solid: Solid, grid: Grid, band: float | None = None) -> _core.B
     nodes = np.minimum(SIDE * places[:, None] + within, last).reshape(-1, grid.dim)
     values = _in_chunks(lambda index: solid.f(grid.from_index(index)), nodes)
     values = np.clip(values, -width, width).reshape(len(near), SIDE**grid.dim)
-    return _core.Blocks.from_parts(grid.shape, width, places.astype(np.uint32), values, clearance < 0)
+    # Clearance is less than the distance: some of the blocks are far.
+    kept = (np.abs(values) < width).any(axis=1) | (np.ptp(values, axis=1) > 0)
+    inside = clearance < 0
+    inside[near] = values[:, 0] < 0
+    return _core.Blocks.from_parts(grid.shape, width, places[kept].astype(np.uint32), values[kept], inside)
 
 
 def _width(grid: Grid, band: float | None) -> float:

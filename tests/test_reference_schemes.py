@@ -323,7 +323,7 @@ def test_steps_stay_within_the_bound() -> None:
     solver = DenseSolver(field, ConstantSpeed(2.0), SchemeOptions(courant=0.7))
     record = solver.step()
     assert record is not None
-    bound = time_step_bound(SpeedTerms(np.array([2.0])), np.array([[1.0, 0.0]]), 1 / 16)
+    bound = time_step_bound(SpeedTerms(np.array([2.0])), np.full(2, 1 / 16))
     assert record.time_step == pytest.approx(0.7 * bound, rel=1e-12)
     assert record.travel == pytest.approx(2.0 * record.time_step, rel=1e-12)
     assert record.rms_travel == pytest.approx(record.travel, rel=1e-12)

@@ -2,6 +2,8 @@
 
 from tspline.sparse_field.cubic_field import CubicField
 from tspline.sparse_field.dense import DenseSolver
+from tspline.sparse_field.front import SparseField, SparseFieldOptions
+from tspline.sparse_field.marching import March, MarchRecord, MarchResult, MarchStep
 from tspline.sparse_field.narrow_band import NarrowBand
 from tspline.sparse_field.scheme import Scheme, SchemeOptions, SchemeRecord, SchemeResult, SchemeStep
 from tspline.sparse_field.semi_lagrangian import SemiLagrangian
@@ -10,6 +12,10 @@ from tspline.sparse_field.time_step import time_step_bound
 __all__ = [
     "CubicField",
     "DenseSolver",
+    "March",
+    "MarchRecord",
+    "MarchResult",
+    "MarchStep",
     "NarrowBand",
     "Scheme",
     "SchemeOptions",
@@ -17,5 +23,7 @@ __all__ = [
     "SchemeResult",
     "SchemeStep",
     "SemiLagrangian",
+    "SparseField",
+    "SparseFieldOptions",
     "time_step_bound",
 ]

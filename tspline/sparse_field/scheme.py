@@ -250,7 +250,7 @@ class Scheme(ABC):
 
     def _bounded(self, terms: SpeedTerms, samples: LevelSetSamples) -> float:
         """The step by `courant` times the bound; one without end where nothing moves is refused by what follows."""
-        bound = time_step_bound(terms, samples.normals, self.grid.spacing)
+        bound = time_step_bound(terms, self.grid.spacing)
         return self._limited(self.options.courant * bound if np.isfinite(bound) else 1.0)
 
     def _record(self, terms: SpeedTerms, samples: LevelSetSamples, step: float) -> SchemeRecord:

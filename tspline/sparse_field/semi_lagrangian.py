@@ -80,7 +80,7 @@ class SemiLagrangian(Scheme):
         rate = float(speed.max(initial=0.0)) / (self.options.courant * h)
         bent = SpeedTerms(np.zeros_like(terms.normal), None, terms.smoothing, terms.diffusivity)
         # Half the bound, as cubic interpolation sharpens the shortest waves.
-        rate += 2.0 / time_step_bound(bent, samples.normals, self.grid.spacing)
+        rate += 2.0 / time_step_bound(bent, self.grid.spacing)
         return self._limited(1.0 / rate if rate > 0 else 1.0)
 
 

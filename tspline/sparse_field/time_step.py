@@ -13,7 +13,7 @@ __all__ = ["time_step_bound"]
 Floats = NDArray[np.float64]
 
 
-def time_step_bound(terms: SpeedTerms, normals: Floats, spacing: ArrayLike) -> float:
+def time_step_bound(terms: SpeedTerms, spacing: ArrayLike) -> float:
     """The time step within which explicit up-wind and central differences are stable, for all terms together.
 
     Alone, the terms allow 1 / (max |v| sum_q 1 / h_q) for the normal speed, 1 / sum_q (max |V_q| / h_q) for a velocity,
@@ -24,9 +24,7 @@ def time_step_bound(terms: SpeedTerms, normals: Floats, spacing: ArrayLike) -> f
     ----------
     terms : SpeedTerms
         Speeds at m samples: `smoothing` and `diffusivity` are both weights of curvature, and add.
-    normals : ndarray, shape (m, d)
-        Normals of the same samples; they say how many axes there are.
-    spacing : float or array_like, shape (d,)
+    spacing : array_like, shape (d,)
         Distance of neighbouring nodes h_q along each axis, caller's units.
 
     Returns
@@ -47,15 +45,14 @@ def time_step_bound(terms: SpeedTerms, normals: Floats, spacing: ArrayLike) -> f
     Examples
     --------
     >>> import numpy as np
-    >>> time_step_bound(SpeedTerms(np.array([2.0, -4.0])), np.eye(2), 0.1)
+    >>> time_step_bound(SpeedTerms(np.array([2.0, -4.0])), [0.1, 0.1])
     0.0125
     """
-    d = normals.shape[1]
-    h = np.broadcast_to(np.asarray(spacing, dtype=np.float64), (d,))
-    require(bool(np.all(h > 0) and np.all(np.isfinite(h))), "spacing", h, "positive lengths")
+    h = np.asarray(spacing, dtype=np.float64)
+    require(h.ndim == 1 and bool(np.all(h > 0) and np.all(np.isfinite(h))), "spacing", h, "positive lengths, one an axis")
     rate = _largest(terms.normal, "normal") * float(np.sum(1.0 / h))
     if terms.advection is not None:
-        rate += sum(_largest(terms.advection[:, q], "advection") / float(h[q]) for q in range(d))
+        rate += sum(_largest(terms.advection[:, q], "advection") / float(h[q]) for q in range(len(h)))
     weights = [w for w in (terms.smoothing, terms.diffusivity) if w is not None]
     if weights:
         rate += 2.0 * _largest(sum(weights[1:], weights[0]), "smoothing") * float(np.sum(1.0 / h**2))

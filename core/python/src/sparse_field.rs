@@ -18,6 +18,12 @@ enum Inner {
 
 /// One expression for both dimensions: `$f` is the kernel's front, `$d` its dimension.
 macro_rules! each {
+    ($front:expr, $f:ident => $body:expr) => {
+        match $front {
+            Inner::Plane($f) => $body,
+            Inner::Space($f) => $body,
+        }
+    };
     ($front:expr, $f:ident, $d:ident => $body:expr) => {
         match $front {
             Inner::Plane($f) => {
@@ -98,20 +104,20 @@ impl SparseField {
     #[getter]
     fn num_active(&self) -> PyResult<usize> {
         let guard = self.inner.lock().map_err(poisoned)?;
-        Ok(each!(&*guard, f, D => f.len()))
+        Ok(each!(&*guard, f => f.len()))
     }
 
     /// Number of nodes of all layers.
     #[getter]
     fn num_nodes(&self) -> PyResult<usize> {
         let guard = self.inner.lock().map_err(poisoned)?;
-        Ok(each!(&*guard, f, D => f.num_covered()))
+        Ok(each!(&*guard, f => f.num_covered()))
     }
 
     /// The values now.
     fn blocks(&self) -> PyResult<Blocks> {
         let guard = self.inner.lock().map_err(poisoned)?;
-        Ok(each!(&*guard, f, D => f.blocks().clone().into()))
+        Ok(each!(&*guard, f => f.blocks().clone().into()))
     }
 
     /// Samples of the zero set, measured from node 0: places, normals, |grad f|, shares of length or area. `staged`: of
@@ -119,21 +125,21 @@ impl SparseField {
     fn samples<'py>(&self, py: Python<'py>, staged: bool) -> PyResult<Samples<'py>> {
         let guard = self.inner.lock().map_err(poisoned)?;
         let inner = &*guard;
-        each!(inner, f, D => handed_out(py, run(py, || Ok(f.samples(staged)))?))
+        each!(inner, f => handed_out(py, run(py, || Ok(f.samples(staged)))?))
     }
 
     /// kappa = k1 + k2 at the samples.
     fn curvatures<'py>(&self, py: Python<'py>, staged: bool) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let guard = self.inner.lock().map_err(poisoned)?;
         let inner = &*guard;
-        each!(inner, f, D => Ok(run(py, || Ok(f.curvatures(staged)))?.into_pyarray(py)))
+        each!(inner, f => Ok(run(py, || Ok(f.curvatures(staged)))?.into_pyarray(py)))
     }
 
     /// Principal curvatures at the samples, larger first; in the plane the second is 0.
     fn principal_curvatures<'py>(&self, py: Python<'py>, staged: bool) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let guard = self.inner.lock().map_err(poisoned)?;
         let inner = &*guard;
-        each!(inner, f, D => table(py, run(py, || Ok(f.principal_curvatures(staged)))?))
+        each!(inner, f => table(py, run(py, || Ok(f.principal_curvatures(staged)))?))
     }
 
     /// One stage of a step with the speed's terms at its samples. Returns the largest change of an active node so far,
@@ -161,7 +167,7 @@ impl SparseField {
     /// Drop the stages since the last `commit`.
     fn undo(&self) -> PyResult<()> {
         let mut guard = self.inner.lock().map_err(poisoned)?;
-        each!(&mut *guard, f, D => f.undo());
+        each!(&mut *guard, f => f.undo());
         Ok(())
     }
 
@@ -170,7 +176,7 @@ impl SparseField {
         let mut guard = self.inner.lock().map_err(poisoned)?;
         let inner = &mut *guard;
         run(py, || {
-            each!(inner, f, D => f.commit());
+            each!(inner, f => f.commit());
             Ok(())
         })
     }
@@ -179,6 +185,6 @@ impl SparseField {
     fn check_invariants(&self, py: Python<'_>) -> PyResult<()> {
         let guard = self.inner.lock().map_err(poisoned)?;
         let inner = &*guard;
-        run(py, || each!(inner, f, D => f.check_invariants()))
+        run(py, || each!(inner, f => f.check_invariants()))
     }
 }

@@ -79,23 +79,32 @@ def _is_model(path: str) -> bool:
 def _model(item: Input) -> Outcome:
     import tspline
 
-    spline = tspline.load(item.path)
-    low, high = ([float(value) for value in corner] for corner in spline.bounds)
-    components = len(spline.to_polylines()) if spline.dim == 2 else None
+    field = tspline.load(item.path)
+    low, high = ([float(value) for value in corner] for corner in field.bounds)
+    components = field.num_components() if field.dim == 2 else None
+    own: dict[str, Any]
+    if isinstance(field, tspline.TSpline):
+        name = "T-spline level set"
+        own = {"num_cells": int(field.mesh.num_cells), "depth": int(field.mesh.depth)}
+        held = f"  cells         {own['num_cells']:,}, depth {own['depth']}"
+    else:
+        name = "level set on a grid"
+        own = {"shape": list(field.grid.shape), "spacing": field.spacing.tolist()}
+        held = f"  grid          {' x '.join(map(str, field.grid.shape))}, spacing {_corner(own['spacing'])}"
     values: dict[str, Any] = {
         "kind": "model",
-        "num_coefficients": int(spline.num_coefficients),
+        "field": field.kind,
+        "num_coefficients": int(field.num_coefficients),
         "components": components,
-        "dim": int(spline.dim),
-        "num_cells": int(spline.mesh.num_cells),
-        "depth": int(spline.mesh.depth),
+        "dim": int(field.dim),
+        **own,
         "bounds": [low, high],
-        "metadata": {str(key): _told(value) for key, value in spline.metadata.items()},
+        "metadata": {str(key): _told(value) for key, value in field.metadata.items()},
     }
     lines = [
-        f"{item.label}: {spline.dim}D T-spline level set",
-        f"  coefficients  {spline.num_coefficients:,}",
-        f"  cells         {spline.mesh.num_cells:,}, depth {spline.mesh.depth}",
+        f"{item.label}: {field.dim}D {name}",
+        f"  coefficients  {field.num_coefficients:,}",
+        held,
         f"  domain        {_corner(low)} to {_corner(high)}",
     ]
     if components is not None:

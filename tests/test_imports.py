@@ -22,7 +22,9 @@ ORDER = [
         "atomic",
         "_core",
         "array_file",
+        "model_archive",
         "mesh",
+        "field",
         "spline",
         "model_file",
         "grid",
@@ -34,7 +36,7 @@ ORDER = [
 # Pairs that do not know each other although one stands before the other.
 STRANGERS = {("sparse_field", "evolve")}
 # A method that is a convenience for a function further up: imported on use.
-UPWARD = {("spline", "model_file"), ("spline", "geometry"), ("spline", "contour")}
+UPWARD = {("spline", "model_file"), ("field", "geometry"), ("field", "contour"), ("model_file", "grid")}
 # Heavy or optional: imported inside the function that needs them, so that `import tspline` starts at once.
 # The figures' own modules draw with matplotlib throughout, and are themselves imported on use.
 ON_USE = {"matplotlib", "mpl_toolkits", "ezdxf", "vtk", "laspy", "pye57", "trimesh"}

@@ -311,7 +311,6 @@ def test_what_belongs_to_the_other_dimension_is_refused(ring: TSpline) -> None:
     planar = TSpline(flat, np.ones(flat.num_functions))
     for call in (
         planar.to_mesh,
-        planar.area,
         planar.volume,
         planar.genus,
         lambda: planar.gauss_curvature([[0.5, 0.5]]),

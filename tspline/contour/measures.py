@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tspline.contour.triangles import Floats, Triangles, triangulate
-from tspline.spline import TSpline
+from tspline.field import LevelSet
 
 __all__ = ["SurfaceMeasures", "components", "curved_area", "curved_volume", "euler_number", "measure"]
 
@@ -39,14 +39,14 @@ class SurfaceMeasures:
         return self.num_components - self.euler_number // 2
 
 
-def measure(spline: TSpline, subdivision: int | None = None) -> SurfaceMeasures:
-    """Measures of the zero set of a spline in space.
+def measure(field: LevelSet, subdivision: int | None = None) -> SurfaceMeasures:
+    """Measures of the zero set of a field in space.
 
     Area and volume are those of quadratic triangles whose corners and side midpoints lie on the zero set: their error
     falls with the fourth power of the lattice's step, which `subdivision` halves; by default that of `to_mesh()`.
     """
-    found = triangulate(spline, subdivision)
-    size = spline.mesh.size
+    found = triangulate(field, subdivision)
+    size = field.size
     middles = side_middles(found)
     return SurfaceMeasures(
         curved_area(found, middles) * size**2,
@@ -75,7 +75,7 @@ def components(found: Triangles) -> int:
 
 
 def side_middles(found: Triangles) -> Floats:
-    """Midpoints of the edges, moved onto the zero set, (e, 3), unit box; those in the box's faces stay in them."""
+    """Midpoints of the edges, moved onto the zero set, (e, 3), in the box; those in the box's faces stay in them."""
     start, end = (found.vertices[found.edges[:, k]] for k in range(2))
     straight = 0.5 * (start + end)
     length = np.linalg.norm(end - start, axis=1)
@@ -97,7 +97,9 @@ def side_middles(found: Triangles) -> Floats:
         gradient[fixed[moving]] = 0.0
         square = np.einsum("ea,ea->e", gradient, gradient)
         points = np.clip(
-            points - np.where(square > 0, value / np.where(square > 0, square, 1.0), 0.0)[:, None] * gradient, 0, 1
+            points - np.where(square > 0, value / np.where(square > 0, square, 1.0), 0.0)[:, None] * gradient,
+            0,
+            found.corner,
         )
     # Far from its chord the middle is no middle: between parts that the lattice cannot tell apart.
     good = np.linalg.norm(points - straight[moving], axis=1) <= 0.3 * length[moving]

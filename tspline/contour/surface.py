@@ -10,7 +10,7 @@ import numpy as np
 from tspline.contour.measures import components, euler_number
 from tspline.contour.triangles import Floats, Triangles, triangulate
 from tspline.errors import InvalidArgumentError, require
-from tspline.spline import TSpline
+from tspline.field import LevelSet
 
 if TYPE_CHECKING:
     import trimesh
@@ -23,13 +23,13 @@ MAX_FACES = 20_000_000
 FINEST, COARSEST = 6, -3
 
 
-def surface_mesh(spline: TSpline, tolerance: float | None = None) -> trimesh.Trimesh:
-    """The zero set as a closed mesh; see `TSpline.to_mesh`."""
+def surface_mesh(field: LevelSet, tolerance: float | None = None) -> trimesh.Trimesh:
+    """The zero set as a closed mesh; see `LevelSet.to_mesh`."""
     import trimesh
 
-    found = within(spline, tolerance)
+    found = within(field, tolerance)
     return trimesh.Trimesh(
-        vertices=spline.mesh.from_unit(found.vertices),
+        vertices=field.from_box(found.vertices),
         faces=found.faces,
         vertex_normals=found.normals if len(found.vertices) else None,
         process=False,
@@ -37,11 +37,11 @@ def surface_mesh(spline: TSpline, tolerance: float | None = None) -> trimesh.Tri
     )
 
 
-def within(spline: TSpline, tolerance: float | None = None) -> Triangles:
-    """The coarsest of the triangulations that keep the tolerance and the shape's topology; see `TSpline.to_mesh`."""
+def within(field: LevelSet, tolerance: float | None = None) -> Triangles:
+    """The coarsest of the triangulations that keep the tolerance and the shape's topology; see `LevelSet.to_mesh`."""
     if tolerance is None:
-        return triangulate(spline)
-    found = triangulate(spline, 0)
+        return triangulate(field)
+    found = triangulate(field, 0)
     require(bool(tolerance > 0), "tolerance", tolerance, "a positive length")
     error = deviation(found)
     if error == 0.0:
@@ -51,18 +51,18 @@ def within(spline: TSpline, tolerance: float | None = None) -> Triangles:
     if error <= tolerance:
         kind = euler_number(found), components(found)
         for subdivision in range(max(step, COARSEST), 0):
-            coarse = triangulate(spline, subdivision)
+            coarse = triangulate(field, subdivision)
             # Thin parts fall through a coarse lattice, which no distance from the mesh would tell.
             if (euler_number(coarse), components(coarse)) == kind and deviation(coarse) <= tolerance:
                 return coarse
         return found
     finest = max((k for k in range(FINEST + 1) if 4**k * len(found.faces) <= MAX_FACES), default=0)
     for subdivision in range(step, finest + 1):
-        fine = triangulate(spline, subdivision)
+        fine = triangulate(field, subdivision)
         if deviation(fine) <= tolerance:
             return fine
     least = 2.0 * error / 4**finest
-    raise InvalidArgumentError("tolerance", str(tolerance), f"about {least:.2g} or more for this spline")
+    raise InvalidArgumentError("tolerance", str(tolerance), f"about {least:.2g} or more for this {field.kind}")
 
 
 def deviation(found: Triangles) -> float:
@@ -81,7 +81,7 @@ def deviation(found: Triangles) -> float:
         once = found.faces[free][:, k] < found.faces[free][:, (k + 1) % 3]
         middles.append(corners[once, k] + 0.5 * sides[once, k])
         bounds.append(0.5 * length[once, k])
-    return _largest(found, np.vstack(middles), np.concatenate(bounds)) * found.spline.mesh.size
+    return _largest(found, np.vstack(middles), np.concatenate(bounds)) * found.field.size
 
 
 def _largest(found: Triangles, points: Floats, bounds: Floats) -> float:

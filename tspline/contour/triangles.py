@@ -1,4 +1,4 @@
-"""Triangles on the zero set of a spline, in the unit box of its mesh."""
+"""Triangles on the zero set of a field, in its box."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tspline.errors import require
-from tspline.spline import TSpline
+from tspline.field import LevelSet
 
 __all__ = ["Triangles", "triangulate"]
 
@@ -23,16 +23,18 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Triangles:
-    """A closed 2-manifold of triangles in the unit box, counter-clockwise seen from outside."""
+    """A closed 2-manifold of triangles in the box, counter-clockwise seen from outside."""
 
-    spline: TSpline
-    """The spline whose zero set it approximates."""
+    field: LevelSet
+    """The field whose zero set it approximates."""
     vertices: Floats
     """(n, 3), on the zero set, or on the box's faces where these close the shape."""
     normals: Floats
     """(n, 3), unit and outward: those of the field, or of the box."""
     faces: Ints
     """(m, 3), numbers of vertices."""
+    corner: Floats
+    """Upper corner of the box, (3,), to the bit as vertices have it that lie there."""
 
     @cached_property
     def edges(self) -> Ints:
@@ -54,7 +56,7 @@ class Triangles:
     @cached_property
     def on_wall(self) -> NDArray[np.bool_]:
         """Whether a vertex lies in the lower and upper face of the box along each axis, (n, 3, 2)."""
-        return np.stack([self.vertices == 0.0, self.vertices == 1.0], axis=-1)
+        return np.stack([self.vertices == 0.0, self.vertices == self.corner], axis=-1)
 
     @cached_property
     def in_wall(self) -> NDArray[np.bool_]:
@@ -65,37 +67,32 @@ class Triangles:
 
     def slopes(self, points: Floats) -> tuple[Floats, Floats]:
         """Values (k,) and gradients (k, 3) of the field in units of the box."""
-        spline = self.spline
-        value, gradient, _ = spline.mesh.core.evaluate(
-            spline.coefficients / spline.mesh.size, np.ascontiguousarray(points), 1
-        )
-        assert gradient is not None
-        return value, gradient
+        return self.field.slopes(points)
 
     @property
     def _sides(self) -> Ints:
         return np.stack([self.faces, np.roll(self.faces, -1, axis=1)], axis=-1).reshape(-1, 2)
 
 
-def triangulate(spline: TSpline, subdivision: int | None = None) -> Triangles:
+def triangulate(field: LevelSet, subdivision: int | None = None) -> Triangles:
     """The zero set on a lattice `2**subdivision` times as fine as the smallest cells that it visits (-20 to 20).
 
     By default as fine as its curvature asks for: half of the triangles' sides turn by less than `TURN`, if one or two
     halvings do it.
     """
-    require(spline.dim == 3, "spline", "a planar spline", "a spline in 3D")
+    require(field.dim == 3, field.kind, f"a planar {field.kind}", f"a {field.kind} in 3D")
     if subdivision is not None:
         require(-20 <= subdivision <= 20, "subdivision", subdivision, "-20 to 20")
-        return _on_lattice(spline, subdivision)
-    if spline.triangulation is None:
-        found = _on_lattice(spline, 0)
+        return _on_lattice(field, subdivision)
+    if field.triangulation is None:
+        found = _on_lattice(field, 0)
         halvings = _halvings(found)
-        spline.triangulation = _on_lattice(spline, halvings) if halvings else found
-    return spline.triangulation
+        field.triangulation = _on_lattice(field, halvings) if halvings else found
+    return field.triangulation
 
 
-def _on_lattice(spline: TSpline, subdivision: int) -> Triangles:
-    return Triangles(spline, *spline.mesh.core.surface(spline.coefficients, subdivision))
+def _on_lattice(field: LevelSet, subdivision: int) -> Triangles:
+    return Triangles(field, *field.surface(subdivision))
 
 
 def _halvings(found: Triangles) -> int:

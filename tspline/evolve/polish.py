@@ -14,7 +14,7 @@ from tspline.evolve.evolution import Callback, EvolutionStep
 from tspline.evolve.options import PolishOptions
 from tspline.evolve.result import StepRecord
 from tspline.evolve.zero_set import Floats
-from tspline.spline import SUBDIVISION, TSpline
+from tspline.spline import TSpline
 
 __all__ = ["Feet", "Polish", "robust_scale", "robust_weights"]
 
@@ -49,7 +49,7 @@ class Feet:
     def on(cls, spline: TSpline, targets: Floats) -> Feet:
         """Foot points of `targets` (n, d) on the zero set of `spline`."""
         mesh, c = spline.mesh, spline.coefficients
-        vertices, start = mesh.core.loops(c, SUBDIVISION)
+        vertices, start = mesh.core.loops(c, TSpline.subdivision)
         if len(vertices) == 0:
             raise VanishedError("the zero set vanished: there is nothing to fit to the data")
         xs = mesh.to_unit(targets)

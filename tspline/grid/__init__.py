@@ -1,5 +1,6 @@
 """Regular grids and the level sets on them."""
 
 from tspline.grid.grid import Grid
+from tspline.grid.grid_field import GridField
 
-__all__ = ["Grid"]
+__all__ = ["Grid", "GridField"]

@@ -12,28 +12,11 @@ use crate::bulk::evaluate;
 use crate::error::{KernelError, Result};
 use crate::evaluate::{field_at, Scratch};
 use crate::mesh::TMesh;
+pub use crate::net::Loops;
+use crate::net::{chain, crossings, illinois, Edge, Net, Node};
 use crate::polynomial::Quotient;
 use crate::sign::live_squares;
 use crate::tree::{Leaf, SIDE};
-
-/// A corner of the triangulation, in tree units.
-type Node = [u32; 2];
-/// A side of a triangle by the numbers of its ends, smaller node first.
-type Edge = (u32, u32);
-
-/// The triangulation near the zero set: its nodes, the field's values there, triangles by node numbers.
-struct Triangulation {
-    nodes: Vec<Node>,
-    values: Vec<f64>,
-    triangles: Vec<[u32; 3]>,
-}
-
-/// Closed polylines one after another, inside (f < 0) on the left: `vertices[start[k]..start[k + 1]]` is the k-th.
-#[derive(Debug, Clone, Default)]
-pub struct Loops {
-    pub start: Vec<usize>,
-    pub vertices: Vec<[f64; 2]>,
-}
 
 /// The zero set, cells cut into `2^subdivision` squares an axis. The outside of the box counts as f > 0, so that lines
 /// end at the box's border and run along it.
@@ -73,7 +56,7 @@ pub fn loops(mesh: &TMesh<2>, c: &[f64], subdivision: u8) -> Result<Loops> {
             |work, &edge| zero_on(mesh, work, c, edge, &net),
         )
         .collect();
-    Ok(chain(&points, &next))
+    Ok(chain(&points, &next, 1e-14))
 }
 
 /// Whether the coefficients that act on a cell have both signs.
@@ -115,7 +98,7 @@ fn fan(mesh: &TMesh<2>, square: &Leaf<2>, subdivision: u8, ring: &mut Vec<Node>)
 }
 
 /// Triangles around the squares' centres, and the field at their nodes.
-fn triangulate(mesh: &TMesh<2>, c: &[f64], squares: &[Leaf<2>], subdivision: u8) -> Result<Triangulation> {
+fn triangulate(mesh: &TMesh<2>, c: &[f64], squares: &[Leaf<2>], subdivision: u8) -> Result<Net> {
     let mut number: FxHashMap<Node, u32> = FxHashMap::default();
     number.reserve(3 * squares.len());
     let mut nodes = Vec::with_capacity(3 * squares.len());
@@ -143,70 +126,16 @@ fn triangulate(mesh: &TMesh<2>, c: &[f64], squares: &[Leaf<2>], subdivision: u8)
     }
     let places: Vec<[f64; 2]> = nodes.iter().map(|&n| place(n)).collect();
     let values = evaluate(mesh, c, &places, 0)?.values;
-    Ok(Triangulation {
+    Ok(Net {
         nodes,
         values,
         triangles,
+        end: [SIDE; 2],
     })
 }
 
 fn place(node: Node) -> [f64; 2] {
     node.map(|x| f64::from(x) / f64::from(SIDE))
-}
-
-/// Edges that the zero set crosses, each with the one that follows it along the line; a node of the box's border that
-/// is inside is an edge of length zero.
-fn crossings(net: &Triangulation) -> (Vec<Edge>, Vec<usize>) {
-    let mut number: FxHashMap<Edge, usize> = FxHashMap::default();
-    let mut edges = Vec::new();
-    let mut next = Vec::new();
-    let mut index = |a: u32, b: u32, next: &mut Vec<usize>| {
-        let edge = if net.nodes[a as usize] < net.nodes[b as usize] {
-            (a, b)
-        } else {
-            (b, a)
-        };
-        *number.entry(edge).or_insert_with(|| {
-            edges.push(edge);
-            next.push(usize::MAX);
-            edges.len() - 1
-        })
-    };
-    for t in &net.triangles {
-        let inside = t.map(|n| net.values[n as usize] < 0.0);
-        // The border closes the shape: what of a side on it is inside belongs to the line.
-        let (a, b) = (t[1], t[2]);
-        let [p, q] = [a, b].map(|n| net.nodes[n as usize]);
-        let on_border = (0..2).any(|k| p[k] == q[k] && (p[k] == 0 || p[k] == SIDE));
-        if on_border && (inside[1] || inside[2]) {
-            let from = if inside[1] {
-                index(a, a, &mut next)
-            } else {
-                index(a, b, &mut next)
-            };
-            let to = if inside[2] {
-                index(b, b, &mut next)
-            } else {
-                index(a, b, &mut next)
-            };
-            next[from] = to;
-        }
-        let count = inside.iter().filter(|&&i| i).count();
-        if count == 0 || count == 3 {
-            continue;
-        }
-        // The corner that stands alone, then counter-clockwise; zero counts as outside.
-        let lone = (0..3).find(|&k| inside[k] == (count == 1)).unwrap_or(0);
-        let (p, q, r) = (t[lone], t[(lone + 1) % 3], t[(lone + 2) % 3]);
-        let (first, second) = (index(p, q, &mut next), index(p, r, &mut next));
-        let (from, to) = if count == 1 {
-            (first, second)
-        } else {
-            (second, first)
-        };
-        next[from] = to;
-    }
-    (edges, next)
 }
 
 /// The zero on an edge: on the polynomials of the one element that holds it, as a rule.
@@ -215,7 +144,7 @@ fn zero_on(
     work: &mut (Quotient<2>, Scratch<2>),
     c: &[f64],
     edge: Edge,
-    net: &Triangulation,
+    net: &Net,
 ) -> [f64; 2] {
     let (quotient, scratch) = work;
     let ends = [edge.0 as usize, edge.1 as usize];
@@ -235,89 +164,6 @@ fn zero_on(
         }
     }
     illinois(a, b, values, |x| field_at::<2, 0>(mesh, scratch, c, x).value)
-}
-
-/// The zero between two places by the Illinois variant of regula falsi.
-fn illinois(a: [f64; 2], b: [f64; 2], values: [f64; 2], mut f: impl FnMut(&[f64; 2]) -> f64) -> [f64; 2] {
-    let (mut lo, mut hi) = (0.0, 1.0);
-    let [mut f_lo, mut f_hi] = values;
-    let at = |t: f64| [a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1])];
-    // What rounding leaves of a sum of cubics; values are in the caller's units, so that no fixed bound would do.
-    let zero = 1e-16 * f_lo.abs().max(f_hi.abs());
-    let mut t = 0.5;
-    let mut last = 0_i8;
-    for _ in 0..60 {
-        t = if f_hi - f_lo == 0.0 {
-            0.5 * (lo + hi)
-        } else {
-            (lo * f_hi - hi * f_lo) / (f_hi - f_lo)
-        };
-        let value = f(&at(t));
-        if value.abs() <= zero {
-            break;
-        }
-        // The end that stays is weighed down only when it stays twice: halved at every step, convergence is linear.
-        if (value < 0.0) == (f_lo < 0.0) {
-            (lo, f_lo) = (t, value);
-            if last == -1 {
-                f_hi *= 0.5;
-            }
-            last = -1;
-        } else {
-            (hi, f_hi) = (t, value);
-            if last == 1 {
-                f_lo *= 0.5;
-            }
-            last = 1;
-        }
-        if hi - lo < 1e-15 {
-            break;
-        }
-    }
-    at(t)
-}
-
-/// Whether two crossings are one but for rounding.
-fn meet(p: &[f64; 2], q: &[f64; 2]) -> bool {
-    (p[0] - q[0]).abs().max((p[1] - q[1]).abs()) < 1e-14
-}
-
-fn chain(points: &[[f64; 2]], next: &[usize]) -> Loops {
-    let mut loops = Loops {
-        start: vec![0],
-        vertices: Vec::with_capacity(points.len()),
-    };
-    let mut done = vec![false; points.len()];
-    for begin in 0..points.len() {
-        if done[begin] {
-            continue;
-        }
-        let first = loops.vertices.len();
-        let mut k = begin;
-        while k != usize::MAX && !done[k] {
-            done[k] = true;
-            let p = points[k];
-            // Crossings at one place (a zero on a node) would make sides of length zero.
-            if loops.vertices.len() == first || !loops.vertices.last().is_some_and(|q| meet(q, &p)) {
-                loops.vertices.push(p);
-            }
-            k = next[k];
-        }
-        if loops.vertices.len() > first + 1
-            && loops
-                .vertices
-                .last()
-                .is_some_and(|q| meet(q, &loops.vertices[first]))
-        {
-            loops.vertices.pop();
-        }
-        if loops.vertices.len() >= first + 3 {
-            loops.start.push(loops.vertices.len());
-        } else {
-            loops.vertices.truncate(first);
-        }
-    }
-    loops
 }
 
 #[cfg(test)]

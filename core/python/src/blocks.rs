@@ -8,9 +8,10 @@ use numpy::{
 };
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use tspline_kernels::grid::Blocks as Kernel;
+use tspline_kernels::grid::{interpolant, loops, redistance, surface, Blocks as Kernel, Interpolant};
+use tspline_kernels::project::{self, Limits};
 
-use crate::convert::{dimension, run};
+use crate::convert::{dimension, jets, lines, points, run, table, triangles, Jets, Lines, Points, Triangles};
 
 /// The values of either dimension.
 #[derive(Clone)]
@@ -79,6 +80,13 @@ impl Blocks {
             Inner::Plane(_) => Err(PyValueError::new_err(format!("{what} is for grids in space"))),
         }
     }
+}
+
+/// One length an axis.
+fn lengths<const D: usize>(given: &[f64]) -> PyResult<[f64; D]> {
+    given
+        .try_into()
+        .map_err(|_| PyValueError::new_err(format!("spacing must have {D} lengths, found {}", given.len())))
 }
 
 fn parts<const D: usize>(
@@ -213,5 +221,85 @@ impl Blocks {
     #[getter]
     fn num_blocks(&self) -> usize {
         each_grid!(&self.inner, b => b.len())
+    }
+    /// The largest |value| of a stored block, 0 without one.
+    #[getter]
+    fn largest(&self) -> f64 {
+        each_grid!(&self.inner, b => b.values().iter().fold(0.0, |m, v| v.abs().max(m)))
+    }
+
+    /// Values, gradients (order >= 1) and Hessians (order 2) at index coordinates (k, d), derivatives in the unit of
+    /// `spacing`; outside +inf and NaN.
+    fn evaluate<'py>(
+        &self,
+        py: Python<'py>,
+        at: Points<'py>,
+        spacing: Vec<f64>,
+        order: usize,
+    ) -> PyResult<Jets<'py>> {
+        each_grid!(&self.inner, b, D => {
+            let (xs, spacing) = (points::<D>(&at, "points")?, lengths::<D>(&spacing)?);
+            let field = run(py, || interpolant::evaluate(b, &spacing, xs, order))?;
+            jets(py, field, order)
+        })
+    }
+
+    /// Foot points on the zero set from given starts, and whether each was reached; all places are measured from the
+    /// first node in the unit of `spacing`.
+    fn project<'py>(
+        &self,
+        py: Python<'py>,
+        at: Points<'py>,
+        starts: Points<'py>,
+        spacing: Vec<f64>,
+        max_travel: f64,
+    ) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<bool>>)> {
+        each_grid!(&self.inner, b, D => {
+            let (xs, from) = (points::<D>(&at, "points")?, points::<D>(&starts, "starts")?);
+            if xs.len() != from.len() {
+                return Err(PyValueError::new_err("as many starts as points are needed"));
+            }
+            let spacing = lengths::<D>(&spacing)?;
+            let (feet, ok) = run(py, || {
+                interpolant::check_spacing(&spacing)?;
+                let limits = Limits {
+                    high: std::array::from_fn(|a| (b.shape()[a] - 1) as f64 * spacing[a]),
+                    scale: project::largest(b.values()),
+                    max_travel,
+                };
+                Ok(project::project_on(|| Interpolant::new(b, &spacing), &limits, xs, from))
+            })?;
+            Ok((table(py, feet)?, ok.into_pyarray(py)))
+        })
+    }
+
+    /// Closed polylines on the zero set of a planar grid: vertices (k, 2) in index coordinates and where each line
+    /// starts, (l + 1,).
+    fn loops<'py>(&self, py: Python<'py>, subdivision: u8) -> PyResult<Lines<'py>> {
+        let blocks = self.plane("loops")?;
+        let found = run(py, || loops::loops(&blocks, subdivision))?;
+        lines(py, found)
+    }
+
+    /// Closed triangle mesh on the zero set of a grid in space: vertices (n, 3), unit normals (n, 3), triangles (m, 3),
+    /// and the upper corner of the box (3,). Places are measured from the first node in the unit of `spacing`; the
+    /// lattice is `2^subdivision` times as fine as the grid.
+    fn surface<'py>(
+        &self,
+        py: Python<'py>,
+        spacing: Vec<f64>,
+        subdivision: i8,
+    ) -> PyResult<(Triangles<'py>, [f64; 3])> {
+        let (blocks, spacing) = (self.space("surface")?, lengths::<3>(&spacing)?);
+        let (found, high) = run(py, || surface::surface(&blocks, &spacing, subdivision))?;
+        Ok((triangles(py, found)?, high))
+    }
+
+    /// Signed distances within `band` of the zero set, +band or -band elsewhere; everywhere if it is infinite.
+    fn redistance(&self, py: Python<'_>, spacing: Vec<f64>, band: f64) -> PyResult<Self> {
+        each_grid!(&self.inner, b, D => {
+            let spacing = lengths::<D>(&spacing)?;
+            Ok(run(py, || redistance::redistance(b, &spacing, band))?.into())
+        })
     }
 }

@@ -1,14 +1,32 @@
 //! The one place where arrays and errors cross the border.
 
 use numpy::{
-    IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods,
+    IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
+    PyUntypedArrayMethods,
 };
 use pyo3::exceptions::{PyMemoryError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
+use tspline_kernels::bulk::Field;
+use tspline_kernels::net::Loops;
+use tspline_kernels::surface::Surface;
 use tspline_kernels::KernelError;
 
 pub type Points<'py> = PyReadonlyArray2<'py, f64>;
 pub type Values<'py> = PyReadonlyArray1<'py, f64>;
+/// Values, and gradients and Hessians if asked for.
+pub type Jets<'py> = (
+    Bound<'py, PyArray1<f64>>,
+    Option<Bound<'py, PyArray2<f64>>>,
+    Option<Bound<'py, PyArray3<f64>>>,
+);
+/// Vertices of closed lines, and where each line starts.
+pub type Lines<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<i64>>);
+/// Vertices, normals and faces.
+pub type Triangles<'py> = (
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray2<i64>>,
+);
 
 /// A kernel error as the Python exception of its kind.
 pub fn raise(error: KernelError) -> PyErr {
@@ -69,4 +87,34 @@ pub fn points<'a, const D: usize>(array: &'a Points<'_>, name: &str) -> PyResult
 pub fn table<const N: usize>(py: Python<'_>, rows: Vec<[f64; N]>) -> PyResult<Bound<'_, PyArray2<f64>>> {
     let count = rows.len();
     rows.into_flattened().into_pyarray(py).reshape([count, N])
+}
+
+/// What was asked of a field at points.
+pub fn jets<const D: usize>(py: Python<'_>, field: Field<D>, order: usize) -> PyResult<Jets<'_>> {
+    let n = field.values.len();
+    let gradients = (order >= 1).then(|| table(py, field.gradients)).transpose()?;
+    let hessians = (order >= 2)
+        .then(|| {
+            let flat = field.hessians.into_flattened().into_flattened();
+            flat.into_pyarray(py).reshape([n, D, D])
+        })
+        .transpose()?;
+    Ok((field.values.into_pyarray(py), gradients, hessians))
+}
+
+/// Closed lines.
+pub fn lines(py: Python<'_>, loops: Loops) -> PyResult<Lines<'_>> {
+    let start: Vec<i64> = loops.start.iter().map(|&s| s as i64).collect();
+    Ok((table(py, loops.vertices)?, start.into_pyarray(py)))
+}
+
+/// A triangle mesh.
+pub fn triangles(py: Python<'_>, surface: Surface) -> PyResult<Triangles<'_>> {
+    let count = surface.triangles.len();
+    let faces = surface.triangles.into_flattened().into_pyarray(py);
+    Ok((
+        table(py, surface.vertices)?,
+        table(py, surface.normals)?,
+        faces.reshape([count, 3])?,
+    ))
 }

@@ -10,7 +10,10 @@ use tspline_kernels::refine;
 use tspline_kernels::tree::{Leaf, Tree};
 use tspline_kernels::{bulk, contour, project, surface, TMesh as Kernel};
 
-use crate::convert::{dimension, points, raise, run, values, Points, Values};
+use crate::convert::{
+    dimension, jets, lines, points, raise, run, table, triangles, values, Jets, Lines, Points, Triangles,
+    Values,
+};
 
 /// The mesh of either dimension.
 #[derive(Clone)]
@@ -41,21 +44,10 @@ macro_rules! each {
     };
 }
 
-type Jets<'py> = (
-    Bound<'py, PyArray1<f64>>,
-    Option<Bound<'py, PyArray2<f64>>>,
-    Option<Bound<'py, PyArray3<f64>>>,
-);
 type Rows<'py> = (
     Bound<'py, PyArray1<i64>>,
     Bound<'py, PyArray1<i64>>,
     Vec<Bound<'py, PyArray1<f64>>>,
-);
-
-type Triangles<'py> = (
-    Bound<'py, PyArray2<f64>>,
-    Bound<'py, PyArray2<f64>>,
-    Bound<'py, PyArray2<i64>>,
 );
 
 /// A frozen T-mesh over the unit box.
@@ -79,10 +71,6 @@ fn leaves<const D: usize>(corners: &PyReadonlyArray2<'_, u32>, levels: &[u8]) ->
         level,
     };
     Ok(view.rows().into_iter().zip(levels).map(leaf).collect())
-}
-
-fn flat<const D: usize>(rows: Vec<[f64; D]>) -> Vec<f64> {
-    rows.into_flattened()
 }
 
 fn plane(mesh: &Mesh, what: &str) -> PyResult<Arc<Kernel<2>>> {
@@ -268,16 +256,8 @@ impl TMesh {
         let c = values(&c, "coefficients")?;
         each!(&self.inner, m, D => {
             let xs = points::<D>(&at, "points")?;
-            let (v, g, h) = run(py, || {
-                let field = bulk::evaluate(m, c, xs, order)?;
-                let g = (order >= 1).then(|| field.gradients.into_flattened());
-                let h = (order >= 2).then(|| field.hessians.into_flattened().into_flattened());
-                Ok((field.values, g, h))
-            })?;
-            let n = xs.len();
-            let g = g.map(|g| g.into_pyarray(py).reshape([n, D])).transpose()?;
-            let h = h.map(|h| h.into_pyarray(py).reshape([n, D, D])).transpose()?;
-            Ok((v.into_pyarray(py), g, h))
+            let field = run(py, || bulk::evaluate(m, c, xs, order))?;
+            jets(py, field, order)
         })
     }
 
@@ -304,21 +284,11 @@ impl TMesh {
     }
 
     /// Closed polylines on the zero set of a planar T-spline: vertices (k, 2) and where each line starts, (l + 1,).
-    fn loops<'py>(
-        &self,
-        py: Python<'py>,
-        c: Values<'py>,
-        subdivision: u8,
-    ) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<i64>>)> {
+    fn loops<'py>(&self, py: Python<'py>, c: Values<'py>, subdivision: u8) -> PyResult<Lines<'py>> {
         let c = values(&c, "coefficients")?;
         let mesh = plane(&self.inner, "loops")?;
         let loops = run(py, || contour::loops(&mesh, c, subdivision))?;
-        let n = loops.vertices.len();
-        let start: Vec<i64> = loops.start.iter().map(|&s| s as i64).collect();
-        Ok((
-            flat(loops.vertices).into_pyarray(py).reshape([n, 2])?,
-            start.into_pyarray(py),
-        ))
+        lines(py, loops)
     }
 
     /// Closed triangle mesh on the zero set of a T-spline in space: vertices (n, 3), unit normals (n, 3), triangles (m, 3);
@@ -327,12 +297,7 @@ impl TMesh {
         let c = values(&c, "coefficients")?;
         let mesh = space(&self.inner, "surface")?;
         let s = run(py, || surface::surface(&mesh, c, subdivision))?;
-        let (n, m) = (s.vertices.len(), s.triangles.len());
-        Ok((
-            flat(s.vertices).into_pyarray(py).reshape([n, 3])?,
-            flat(s.normals).into_pyarray(py).reshape([n, 3])?,
-            s.triangles.into_flattened().into_pyarray(py).reshape([m, 3])?,
-        ))
+        triangles(py, s)
     }
 
     /// Foot points on the zero set from given starts, and whether each was reached.
@@ -351,8 +316,7 @@ impl TMesh {
                 return Err(PyValueError::new_err("as many starts as points are needed"));
             }
             let (feet, ok) = run(py, || project::project(m, c, xs, from, max_travel))?;
-            let n = feet.len();
-            Ok((flat(feet).into_pyarray(py).reshape([n, D])?, ok.into_pyarray(py)))
+            Ok((table(py, feet)?, ok.into_pyarray(py)))
         })
     }
 

@@ -62,9 +62,9 @@ fn front<const D: usize>(
     layers: usize,
     order: Order,
 ) -> PyResult<Front<D>> {
-    let spacing: [f64; D] = spacing
-        .try_into()
-        .map_err(|_| PyValueError::new_err(format!("spacing must have {D} lengths, found {}", spacing.len())))?;
+    let spacing: [f64; D] = spacing.try_into().map_err(|_| {
+        PyValueError::new_err(format!("spacing must have {D} lengths, found {}", spacing.len()))
+    })?;
     run(py, || Front::new(kernel.clone(), spacing, layers, order))
 }
 
@@ -136,7 +136,11 @@ impl SparseField {
     }
 
     /// Principal curvatures at the samples, larger first; in the plane the second is 0.
-    fn principal_curvatures<'py>(&self, py: Python<'py>, staged: bool) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    fn principal_curvatures<'py>(
+        &self,
+        py: Python<'py>,
+        staged: bool,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let guard = self.inner.lock().map_err(poisoned)?;
         let inner = &*guard;
         each!(inner, f => table(py, run(py, || Ok(f.principal_curvatures(staged)))?))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -143,6 +142,7 @@ class SparseField(March):
             # A node may cross half a spacing at most, shocks included, or the layers lose the zero set.
             self._core.undo()
             step *= max(0.4 / change, 0.1)
+        samples.close()
         self._core.commit()
         if self.options.check_invariants:
             self._core.check_invariants()
@@ -164,7 +164,9 @@ class SparseField(March):
         if self.options.order == 1 or moved[0] > 0.5:
             return moved
         later = FrontSamples(self._core, self.grid, state, staged=True, time=self.time + step)
-        return self._advance(self.speed(later), step, staged=True)
+        terms = self.speed(later)
+        later.close()
+        return self._advance(terms, step, staged=True)
 
     def _advance(self, terms: SpeedTerms, step: float, *, staged: bool) -> tuple[float, float]:
         arrays = [
@@ -172,7 +174,3 @@ class SparseField(March):
             for a in (terms.normal, terms.advection, terms.smoothing)
         ]
         return self._core.advance(*arrays, step, staged)
-
-    def __iter__(self) -> Iterator[MarchRecord]:
-        while (record := self.step()) is not None:
-            yield record

@@ -94,13 +94,15 @@ def _solver(domain: Any, velocity: Any, scheme: str) -> Any:
 
 
 def _native_step(domain: Any, scheme: str) -> float:
-    """CPU seconds of one step from here with ViennaLS's own velocity field, on a copy."""
-    copy = d3.Domain(domain)
-    velocity = viennals.VelocityField()
-    solver = _solver(copy, velocity, scheme)
-    solver.setSingleStep(True)
-    solver.setAdvectionTime(0.5)
-    return report.cpu(solver.apply)[1]
+    """CPU seconds of one step from here with ViennaLS's own velocity field, on a copy: the least of three tries."""
+    tries = []
+    for _ in range(3):
+        velocity = viennals.VelocityField()
+        solver = _solver(d3.Domain(domain), velocity, scheme)
+        solver.setSingleStep(True)
+        solver.setAdvectionTime(0.5)
+        tries.append(report.cpu(solver.apply)[1])
+    return min(tries)
 
 
 def _dense(domain: Any, nodes: int, width: int = 4) -> Floats:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tspline import _core
 from tspline.errors import require
@@ -15,6 +16,8 @@ from tspline.sparse_field.time_step import time_step_bound
 from tspline.speed import Speed, SpeedTerms, StoppingRule
 
 __all__ = ["SparseField", "SparseFieldOptions"]
+
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -86,8 +89,8 @@ class SparseField(March):
 
     References
     ----------
-    .. [1] R. T. Whitaker, "A level-set approach to 3D reconstruction from range data", International Journal of Computer
-       Vision 29 (1998), doi 10.1023/A:1008036829907.
+    .. [1] R. T. Whitaker, "A level-set approach to 3D reconstruction from range data", International Journal of
+       Computer Vision 29 (1998), doi 10.1023/A:1008036829907.
 
     Examples
     --------
@@ -169,8 +172,9 @@ class SparseField(March):
         return self._advance(terms, step, staged=True)
 
     def _advance(self, terms: SpeedTerms, step: float, *, staged: bool) -> tuple[float, float]:
-        arrays = [
-            None if a is None else np.ascontiguousarray(a, dtype=np.float64)
-            for a in (terms.normal, terms.advection, terms.smoothing)
-        ]
-        return self._core.advance(*arrays, step, staged)
+        normal = np.ascontiguousarray(terms.normal, dtype=np.float64)
+        return self._core.advance(normal, _contiguous(terms.advection), _contiguous(terms.smoothing), step, staged)
+
+
+def _contiguous(values: Floats | None) -> Floats | None:
+    return None if values is None else np.ascontiguousarray(values, dtype=np.float64)

@@ -85,22 +85,22 @@ class FrontSamples(LevelSetSamples):
         return points + self.__dict__["_grid"].origin, normals, norm, weights
 
     @property
-    def points(self) -> Floats:  # type: ignore[override]
+    def points(self) -> Floats:
         """Places on the zero set, shape (m, d)."""
         return self._arrays[0]
 
     @property
-    def normals(self) -> Floats:  # type: ignore[override]
+    def normals(self) -> Floats:
         """Unit normals, outward, shape (m, d)."""
         return self._arrays[1]
 
     @property
-    def gradient_norm(self) -> Floats:  # type: ignore[override]
+    def gradient_norm(self) -> Floats:
         """|grad f|, shape (m,)."""
         return self._arrays[2]
 
     @property
-    def weights(self) -> Floats:  # type: ignore[override]
+    def weights(self) -> Floats:
         """Shares of length or area, shape (m,): each node's cell spread over the layer, right in the mean."""
         return self._arrays[3]
 

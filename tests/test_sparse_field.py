@@ -175,7 +175,7 @@ def test_the_dense_solver_agrees() -> None:
     sparse.run()
     dense.run()
     points, *_ = sparse._core.samples(False)
-    away = np.abs(GridField(start.grid, dense.field.values)(points + start.grid.origin))
+    away = np.abs(dense.field(points + start.grid.origin))
     assert away.max() < 0.35 * start.grid.spacing[0]
     assert away.mean() < 0.05 * start.grid.spacing[0]
 

@@ -5,7 +5,7 @@ from tspline.sparse_field.dense import DenseSolver
 from tspline.sparse_field.front import SparseField, SparseFieldOptions
 from tspline.sparse_field.marching import March, MarchRecord, MarchResult, MarchStep
 from tspline.sparse_field.narrow_band import NarrowBand
-from tspline.sparse_field.scheme import Scheme, SchemeOptions, SchemeRecord, SchemeResult, SchemeStep
+from tspline.sparse_field.scheme import Scheme, SchemeOptions
 from tspline.sparse_field.semi_lagrangian import SemiLagrangian
 from tspline.sparse_field.time_step import time_step_bound
 
@@ -19,9 +19,6 @@ __all__ = [
     "NarrowBand",
     "Scheme",
     "SchemeOptions",
-    "SchemeRecord",
-    "SchemeResult",
-    "SchemeStep",
     "SemiLagrangian",
     "SparseField",
     "SparseFieldOptions",

@@ -53,11 +53,11 @@ def moved(kind: Kind, field: CubicField, speed: Speed, time: float, **options: f
         options.setdefault("courant", 2.0)
     if kind is NarrowBand:
         options.setdefault("redistance_every", 4)
-    stopping = StoppingRule(max_steps=10_000, max_time=time, tolerance=0.0)
+    stopping = StoppingRule(max_steps=10_000, max_time=time - field.time, tolerance=0.0)
     scheme = kind(field, speed, SchemeOptions(**options), stopping)  # type: ignore[arg-type]
     scheme.run()
-    assert scheme.time == pytest.approx(time, rel=1e-12)
-    return CubicField(scheme.grid, scheme.field.values, scheme.time)
+    assert field.time + scheme.time == pytest.approx(time, rel=1e-12)
+    return CubicField(scheme.grid, scheme.field.values, time)
 
 
 def zeros(field: CubicField) -> Floats:

@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 from scipy.special import gamma
 
 from tspline.errors import InvalidArgumentError
 from tspline.grid import Grid
 from tspline.grid.csg import Difference, Intersection, Solid, Union
-from tspline.grid.scan import solid_blocks
+from tspline.grid.scan import csg_field, solid_blocks
 from tspline.grid.superellipsoid import Superellipsoid
 
 Floats = NDArray[np.float64]
@@ -147,3 +148,25 @@ def test_bad_numbers_are_refused() -> None:
         solid_blocks(ball([0.0, 0], 1), Grid((9, 9, 9)))
     with pytest.raises(InvalidArgumentError, match="band"):
         solid_blocks(ball([0.0, 0], 1), Grid((9, 9)), 0.5)
+
+
+def test_a_tree_becomes_a_distance() -> None:
+    """Two boxes and a ball taken away: distances from what is left, by the nearest of many points of its surface."""
+    grid = Grid.around([[-1.2] * 2, [1.2] * 2], 0.05)
+    bite = Difference(ball([0.0, 0.0], 0.8), ball([0.8, 0.0], 0.5))
+    field = csg_field(bite, grid, 0.2)
+    t = np.linspace(0.0, 2.0 * np.pi, 20_000)
+    ring = np.stack([np.cos(t), np.sin(t)], axis=1)
+    outer, inner = 0.8 * ring, 0.5 * ring + [0.8, 0.0]
+    outer = outer[np.hypot(outer[:, 0] - 0.8, outer[:, 1]) >= 0.5]
+    inner = inner[np.hypot(*inner.T) <= 0.8]
+    places = grid.nodes().reshape(-1, 2)
+    truth = cKDTree(np.vstack([outer, inner])).query(places)[0].reshape(grid.shape)
+    near = truth < 0.15
+    wrong = np.abs(np.abs(field.values[near]) - truth[near])
+    # The two sharp corners are rounded by the interpolant, by a part of a spacing.
+    assert np.median(wrong) < 1e-4
+    assert wrong.max() < 0.5 * 0.05
+    # The interpolant passes the nodes at the corners within a tenth of a spacing.
+    clear = near & (truth > 0.3 * 0.05)
+    np.testing.assert_array_equal(field.values[clear] < 0, bite.f(places).reshape(grid.shape)[clear] < 0)

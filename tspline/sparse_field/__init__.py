@@ -6,7 +6,7 @@ from tspline.sparse_field.front import SparseField, SparseFieldOptions
 from tspline.sparse_field.grid_run import GridRun
 from tspline.sparse_field.marching import March, MarchRecord, MarchResult, MarchStep
 from tspline.sparse_field.narrow_band import NarrowBand
-from tspline.sparse_field.scheme import Scheme, SchemeOptions, SchemeRecord, SchemeResult, SchemeStep
+from tspline.sparse_field.scheme import Scheme, SchemeOptions
 from tspline.sparse_field.semi_lagrangian import SemiLagrangian
 from tspline.sparse_field.time_step import time_step_bound
 
@@ -21,9 +21,6 @@ __all__ = [
     "NarrowBand",
     "Scheme",
     "SchemeOptions",
-    "SchemeRecord",
-    "SchemeResult",
-    "SchemeStep",
     "SemiLagrangian",
     "SparseField",
     "SparseFieldOptions",

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from tspline.sparse_field.cubic_field import CubicField
 from tspline.sparse_field.feet import Feet, crossings
-from tspline.sparse_field.scheme import Scheme, SchemeRecord
+from tspline.sparse_field.marching import MarchRecord
+from tspline.sparse_field.scheme import Scheme
 from tspline.sparse_field.stencil import Stencil
 from tspline.speed import SpeedTerms
 
@@ -50,10 +51,10 @@ class DenseSolver(Scheme):
     >>> step = DenseSolver(circle, ConstantSpeed(1.0)).step()
     """
 
-    def step(self) -> SchemeRecord | None:
+    def step(self) -> MarchRecord | None:
         """One step; None when the zero set has vanished and nothing is left to move."""
         stencil = self._stencil()
-        feet = self._feet(self._values, self._time, stencil)
+        feet = self._feet(self._values, self.time, stencil)
         if feet is None:
             return None
         self.speed.prepare(feet.field)
@@ -64,13 +65,13 @@ class DenseSolver(Scheme):
         moved = start + step * self._rates(self._values, terms, stencil)
         if self.options.order == 2:
             between = self._with(stencil, moved)
-            later = self._feet(between, self._time + step, stencil)
+            later = self._feet(between, self.time + step, stencil)
             # A zero set that vanishes within the step has no second stage.
             if later is not None:
                 rates = self._rates(between, self.speed(later.samples()), stencil)
                 moved = 0.5 * (start + moved + step * rates)
         self._values = self._with(stencil, moved)
-        self._time += step
+        self.time += step
         record = self._record(terms, samples, step)
         self._tidy()
         return record
@@ -82,7 +83,7 @@ class DenseSolver(Scheme):
     def _tidy(self) -> None:
         """What follows a step."""
         every = self.options.redistance_every
-        if every and self.iteration % every == 0:
+        if every and len(self.history) % every == 0:
             self.redistance()
 
     def _feet(self, values: Floats, time: float, stencil: Stencil) -> Feet | None:

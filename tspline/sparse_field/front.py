@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tspline import _core
 from tspline.errors import require
@@ -16,6 +16,8 @@ from tspline.sparse_field.time_step import time_step_bound
 from tspline.speed import Speed, SpeedTerms, StoppingRule
 
 __all__ = ["SparseField", "SparseFieldOptions"]
+
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -87,8 +89,8 @@ class SparseField(March):
 
     References
     ----------
-    .. [1] R. T. Whitaker, "A level-set approach to 3D reconstruction from range data", International Journal of Computer
-       Vision 29 (1998), doi 10.1023/A:1008036829907.
+    .. [1] R. T. Whitaker, "A level-set approach to 3D reconstruction from range data", International Journal of
+       Computer Vision 29 (1998), doi 10.1023/A:1008036829907.
 
     Examples
     --------
@@ -143,6 +145,7 @@ class SparseField(March):
             # A node may cross half a spacing at most, shocks included, or the layers lose the zero set.
             self._core.undo()
             step *= max(0.4 / change, 0.1)
+        samples.close()
         self._core.commit()
         if self.options.check_invariants:
             self._core.check_invariants()
@@ -164,15 +167,14 @@ class SparseField(March):
         if self.options.order == 1 or moved[0] > 0.5:
             return moved
         later = FrontSamples(self._core, self.grid, state, staged=True, time=self.time + step)
-        return self._advance(self.speed(later), step, staged=True)
+        terms = self.speed(later)
+        later.close()
+        return self._advance(terms, step, staged=True)
 
     def _advance(self, terms: SpeedTerms, step: float, *, staged: bool) -> tuple[float, float]:
-        arrays = [
-            None if a is None else np.ascontiguousarray(a, dtype=np.float64)
-            for a in (terms.normal, terms.advection, terms.smoothing)
-        ]
-        return self._core.advance(*arrays, step, staged)
+        normal = np.ascontiguousarray(terms.normal, dtype=np.float64)
+        return self._core.advance(normal, _contiguous(terms.advection), _contiguous(terms.smoothing), step, staged)
 
-    def __iter__(self) -> Iterator[MarchRecord]:
-        while (record := self.step()) is not None:
-            yield record
+
+def _contiguous(values: Floats | None) -> Floats | None:
+    return None if values is None else np.ascontiguousarray(values, dtype=np.float64)

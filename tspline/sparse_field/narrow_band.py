@@ -58,5 +58,5 @@ class NarrowBand(DenseSolver):
         met = bool(np.any((self._mines.at(self._values) < 0) != self._sides))
         self.rebuilds += met
         every = self.options.redistance_every
-        if met or (every and self.iteration % every == 0):
+        if met or (every and len(self.history) % every == 0):
             self._build()

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from tspline.sparse_field.cubic_field import CubicField
 from tspline.sparse_field.feet import Feet, crossings
-from tspline.sparse_field.scheme import NodeField, Scheme, SchemeOptions, SchemeRecord
+from tspline.sparse_field.marching import MarchRecord
+from tspline.sparse_field.scheme import NodeField, Scheme, SchemeOptions
 from tspline.sparse_field.time_step import time_step_bound
 from tspline.speed import LevelSetSamples, Speed, SpeedTerms, StoppingRule
 
@@ -40,9 +41,9 @@ class SemiLagrangian(Scheme):
         super().__init__(field, speed, options or SchemeOptions(courant=2.0), stopping)
         self.redistance()
 
-    def step(self) -> SchemeRecord | None:
+    def step(self) -> MarchRecord | None:
         """One step; None when the zero set has vanished and nothing is left to move."""
-        field = CubicField(self.grid, self._values, self._time)
+        field = CubicField(self.grid, self._values, self.time)
         found = crossings(field, self._all)
         if not len(found):
             return None
@@ -56,14 +57,14 @@ class SemiLagrangian(Scheme):
         if self.options.order == 2:
             moved = self._second(field, found, places, moved, step)
         self._values = moved.reshape(self.grid.shape)
-        self._time += step
+        self.time += step
         record = self._record(terms, samples, step)
         self.redistance()
         return record
 
     def _second(self, field: CubicField, found: Floats, places: Floats, moved: Floats, step: float) -> Floats:
         """The mean of the motion at both ends of the characteristics."""
-        later = CubicField(self.grid, moved.reshape(self.grid.shape), self._time + step)
+        later = CubicField(self.grid, moved.reshape(self.grid.shape), self.time + step)
         there = crossings(later, self._all)
         if not len(there):
             return moved

@@ -49,7 +49,9 @@ def time_step_bound(terms: SpeedTerms, spacing: ArrayLike) -> float:
     0.0125
     """
     h = np.asarray(spacing, dtype=np.float64)
-    require(h.ndim == 1 and bool(np.all(h > 0) and np.all(np.isfinite(h))), "spacing", h, "positive lengths, one an axis")
+    require(
+        h.ndim == 1 and bool(np.all(h > 0) and np.all(np.isfinite(h))), "spacing", h, "positive lengths, one an axis"
+    )
     rate = _largest(terms.normal, "normal") * float(np.sum(1.0 / h))
     if terms.advection is not None:
         rate += sum(_largest(terms.advection[:, q], "advection") / float(h[q]) for q in range(len(h)))

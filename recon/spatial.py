@@ -11,12 +11,10 @@ from numpy.typing import NDArray
 from recon.cells import Cells, cells_of, keys, lattice, thinned
 from recon.conversion import spline_of
 from recon.doubts import doubts
-from recon.orientation import Orientation
-from recon.outliers import isolated
 from recon.point_cloud import PointCloud
 from recon.point_tree import PointTree
 from recon.support import supported
-from recon.surface_scale import SurfaceScale
+from recon.surface_start import SurfaceStart
 from tspline import TSpline, _core
 from tspline.contour import Triangles
 from tspline.evolve import EvolutionStep, StepRecord
@@ -149,23 +147,18 @@ class SpatialFit:
     triangles: Triangles | None = None
 
     def __post_init__(self) -> None:
-        every = self.cloud.points
-        tree = PointTree(every)
-        alone = isolated(every, tree)
-        self._points = every[~alone]
-        self._left_out = int(alone.sum())
-        self._tree = PointTree(self._points) if self._left_out else tree
+        start = SurfaceStart.of(self.cloud, self.settings.start)
+        self._points, self._tree = start.points, start.tree
+        self._left_out = int(np.count_nonzero(~start.kept))
         self._far_tree = self._tree
         if len(self._points) > DISTANT[0]:
             self._far_tree = PointTree(thinned(self._points, DISTANT[1]))
-        scale = SurfaceScale.from_points(self._points, self._tree)
-        self.spacing, self.noise = scale.spacing, scale.noise
-        given = None if self.cloud.normals is None else self.cloud.normals[~alone]
-        self._orientation = Orientation.from_points(self._points, scale, given, self.settings.start)
+        self.spacing, self.noise = start.scale.spacing, start.scale.noise
+        self._orientation = start.orientation
         nearest = PointTree(self._orientation.points).query(self._points)[1]
         self._normals = self._orientation.normals[nearest]
         self._trust = self._orientation.trust[nearest]
-        self._weights = self.cloud.weights[~alone]
+        self._weights = self.cloud.weights[start.kept]
         self._residual = np.zeros(len(self._points))
         self._hierarchy = _core.Hierarchy(BASE)
         #: The field and its gradient at the points.

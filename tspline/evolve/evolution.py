@@ -41,6 +41,11 @@ class EvolutionStep:
     travel: float
     num_coefficients: int
 
+    @property
+    def field(self) -> TSpline:
+        """The level set after the step, as steps of the grid solver have it too; here the spline."""
+        return self.spline
+
 
 #: A callback that returns True ends the run.
 Callback = Callable[[EvolutionStep], object]

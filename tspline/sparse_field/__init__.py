@@ -3,6 +3,7 @@
 from tspline.sparse_field.cubic_field import CubicField
 from tspline.sparse_field.dense import DenseSolver
 from tspline.sparse_field.front import SparseField, SparseFieldOptions
+from tspline.sparse_field.grid_run import GridRun
 from tspline.sparse_field.marching import March, MarchRecord, MarchResult, MarchStep
 from tspline.sparse_field.narrow_band import NarrowBand
 from tspline.sparse_field.scheme import Scheme, SchemeOptions
@@ -12,6 +13,7 @@ from tspline.sparse_field.time_step import time_step_bound
 __all__ = [
     "CubicField",
     "DenseSolver",
+    "GridRun",
     "March",
     "MarchRecord",
     "MarchResult",

@@ -67,6 +67,11 @@ class MarchStep:
     travel: float
     num_nodes: int
 
+    @property
+    def num_coefficients(self) -> int:
+        """Number of values that are moved, as steps of the T-spline solver have it too."""
+        return self.num_nodes
+
 
 @dataclasses.dataclass(frozen=True)
 class MarchResult:

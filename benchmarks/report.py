@@ -15,7 +15,10 @@ from importlib import metadata
 from typing import Any, TypeVar
 
 T = TypeVar("T")
-PACKAGES = ("numpy", "scipy", "scikit-image", "SimpleITK", "open3d", "pypoisson2", "tspline")
+PACKAGES = (
+    *("numpy", "scipy", "scikit-image", "SimpleITK", "open3d", "pypoisson2"),
+    *("itk", "ViennaLS", "scikit-fmm", "tspline"),
+)
 
 
 def parser(description: str | None) -> argparse.ArgumentParser:
@@ -89,9 +92,15 @@ def table(title: str, rows: Sequence[Mapping[str, Any]]) -> str:
     return f"### {title}\n\n" + "\n".join(lines) + "\n"
 
 
-def publish(name: str, tables: Mapping[str, Sequence[Mapping[str, Any]]], as_json: bool) -> None:
-    """Print the tables with the machine they were measured on."""
+def publish(
+    name: str,
+    tables: Mapping[str, Sequence[Mapping[str, Any]]],
+    as_json: bool,
+    others: Mapping[str, str | None] | None = None,
+) -> None:
+    """Print the tables with the machine they were measured on; `others` are versions of what is no Python package."""
     where = machine()
+    where["versions"] |= others or {}
     if as_json:
         json.dump({"benchmark": name, "machine": where, "tables": tables}, sys.stdout, default=float)
         print()

@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from recon.frame import Frame
+from recon.grid_fit import grid_fit
 from recon.planar import PlanarFit, PlanarSettings
 from recon.point_cloud import PointCloud
-from recon.result import FitResult
+from recon.result import MESSAGES, FitResult
 from recon.spatial import SpatialFit, SpatialSettings, distances
 from recon.sphere import SphereStart
 from tspline import TSpline
@@ -20,13 +22,6 @@ from tspline.errors import InvalidArgumentError, require
 from tspline.evolve import EvolutionStep, StepRecord
 
 __all__ = ["fit_points"]
-
-MESSAGES = {
-    0: "converged",
-    1: "the step limit was reached before the curve came to rest",
-    2: "the zero set vanished before it met the data; try init='auto' or a larger gap",
-    3: "stopped by the callback",
-}
 
 
 def fit_points(
@@ -39,7 +34,7 @@ def fit_points(
     init: str | TSpline | Callable[[NDArray[np.float64]], ArrayLike] = "auto",
     parametric: bool = False,
     solver: str = "tspline",
-    callback: Callable[[EvolutionStep], object] | None = None,
+    callback: Callable[[Any], object] | None = None,
     rng: Any = None,
 ) -> FitResult:
     """Closed curves through planar points, closed surfaces through points in space, without normals.
@@ -66,10 +61,13 @@ def fit_points(
         inside) in the caller's coordinates.
     parametric : bool
         Not part of this release; must be False.
-    solver : "tspline"
-        The solver.
+    solver : "tspline" or "grid"
+        What carries the level set: an adaptive T-spline, or the values on a regular grid in a band around it, moved by
+        the sparse-field scheme. Both run the same problems from the same start; `max_depth` and `tolerance` are the
+        T-spline's own. The grid resolves half the points' spacing, and no more than noise leaves to be seen.
     callback : callable, optional
-        Gets an `EvolutionStep` after each step, caller's units; returning True ends the fit.
+        Gets an `EvolutionStep` (grid: a `MarchStep`) after each step, caller's units, whose `field` is the level set;
+        returning True ends the fit.
     rng : None
         Nothing here is random; accepted for the common signature.
 
@@ -81,26 +79,29 @@ def fit_points(
     Raises
     ------
     ValueError
-        For points that cannot be fitted: NaN, fewer than three, all on one line, wrong shapes.
+        For points that cannot be fitted: NaN, fewer than d + 1, all on one line (plane), wrong shapes.
 
     Notes
     -----
     The evolution follows Yang, Fuchs, Juettler and Scherzer (2005): speed (4.8), T-mesh (4.2), final refinement
     (4.10), with the corrections of docs/MATH.
     """
-    require(solver == "tspline", "solver", repr(solver), "'tspline'")
+    require(solver in ("tspline", "grid"), "solver", repr(solver), "'tspline' or 'grid'")
     require(callback is None or callable(callback), "callback", repr(callback), "a callable or None")
     require(not parametric, "parametric", parametric, "False: parametric curves are not part of this release")
     cloud = PointCloud.from_array(points, weights, normals)
-    frame = _Frame(cloud)
+    frame = Frame(cloud)
+    settings = _settings(cloud, frame, tolerance, max_depth, gap, init)
+    if solver == "grid":
+        return grid_fit(cloud, settings, frame, callback)
     if cloud.dim == 3:
-        return _surface(cloud, _settings(cloud, frame, tolerance, max_depth, gap, init), frame, callback)
-    fit = PlanarFit(cloud, _settings(cloud, frame, tolerance, max_depth, gap, init), frame.wrap(callback))
+        return _surface(cloud, settings, frame, callback)
+    fit = PlanarFit(cloud, settings, frame.wrap(callback))
     spline, residuals, status = fit.run()
     metadata = {"made_by": "fit_points", "num_points": len(cloud.inverse), "noise": fit.noise * cloud.size}
     result = frame.to_caller(spline)
     return FitResult(
-        spline=TSpline(result.mesh, result.coefficients, metadata),
+        field=TSpline(result.mesh, result.coefficients, metadata),
         success=status == 0,
         status=status,
         message=MESSAGES[status],
@@ -117,7 +118,7 @@ def fit_points(
 def _surface(
     cloud: PointCloud,
     settings: PlanarSettings,
-    frame: _Frame,
+    frame: Frame,
     callback: Callable[[EvolutionStep], object] | None,
 ) -> FitResult:
     # The solver balances the points with smoothing: weights in units of the usual one.
@@ -141,7 +142,7 @@ def _surface(
 
 def _result(
     cloud: PointCloud,
-    frame: _Frame,
+    frame: Frame,
     spline: TSpline,
     history: list[StepRecord],
     residuals: NDArray[np.float64] | None = None,
@@ -159,7 +160,7 @@ def _result(
     result = frame.to_caller(spline)
     result.metadata = metadata
     return FitResult(
-        spline=result,
+        field=result,
         success=status == 0,
         status=status,
         message=MESSAGES[status],
@@ -174,31 +175,9 @@ def _result(
     )
 
 
-class _Frame:
-    """Between the unit box of the fit and the caller's coordinates."""
-
-    def __init__(self, cloud: PointCloud) -> None:
-        self.size = cloud.size
-        self.bounds = cloud.to_caller(np.array([[0.0] * cloud.dim, [1.0] * cloud.dim]))
-
-    def to_caller(self, spline: TSpline) -> TSpline:
-        return spline.rescaled(self.bounds)
-
-    def wrap(self, callback: Callable[[EvolutionStep], object] | None) -> Callable[[EvolutionStep], object] | None:
-        if callback is None:
-            return None
-
-        def told(step: EvolutionStep) -> object:
-            spline = self.to_caller(step.spline)
-            travel = step.travel * self.size
-            return callback(EvolutionStep(step.nit, step.phase, spline, travel, step.num_coefficients))
-
-        return told
-
-
 def _settings(
     cloud: PointCloud,
-    frame: _Frame,
+    frame: Frame,
     tolerance: float | None,
     max_depth: int | None,
     gap: float | None,

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
+from recon.cells import thinned
 from recon.point_tree import PointTree
 from recon.surface_scale import SurfaceScale
 from tspline import _core
 
-__all__ = ["Orientation", "thinned"]
+__all__ = ["Orientation"]
 
 Floats = NDArray[np.float64]
 
@@ -136,19 +137,6 @@ class Orientation:
             return np.where(self.start(points) < 0, -1.0, 1.0)
         cell = _core.locate_cells(self.points, self.cells, self.neighbours, np.ascontiguousarray(points))
         return np.where((cell < 0) | self.outside[cell], 1.0, -1.0)
-
-
-def thinned(points: Floats, size: float) -> Floats:
-    """One point of each cube of side `size`: the nearest to its centre."""
-    low = points.min(axis=0)
-    place = np.floor((points - low) / size)
-    away = ((points - low - (place + 0.5) * size) ** 2).sum(axis=1)
-    cell = place.astype(np.int64) @ np.array([1 << 42, 1 << 21, 1], dtype=np.int64)
-    order = np.lexsort((away, cell))
-    first = np.ones(len(order), dtype=bool)
-    first[1:] = cell[order][1:] != cell[order][:-1]
-    kept: Floats = points[np.sort(order[first])]
-    return kept
 
 
 def smoothed(points: Floats, samples: Floats, scale: SurfaceScale) -> Floats:

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from recon.chambers import Chambers
 from recon.point_cloud import PointCloud
-from recon.point_speed import PointSpeed
+from recon.problem import point_gap, point_problem, refinement
 from recon.start import Field, chamber_field, circle_field, flipped, missed_lines, unsupported_lines
 from tspline import TMesh, TSpline
 from tspline.errors import VanishedError
@@ -25,21 +25,10 @@ from tspline.evolve import (
 )
 from tspline.evolve.evolution import Callback
 from tspline.evolve.polish import Feet
-from tspline.speed import StoppingRule
 
 __all__ = ["PlanarFit", "PlanarSettings"]
 
 Floats = NDArray[np.float64]
-
-#: Cells across the widest gap of the data while a circle shrinks; fewer would let it slip through.
-WIDEST_GAP = 2.5
-
-#: Weight of places without data relative to places with data: enough to stop drift, too little to bend the rest.
-HOLD = 0.1
-
-#: Smoothing length in standard deviations of the noise: shorter follows the noise, longer rounds corners (measured on
-#: glyphs and coastlines at 0.5 % noise: the mean distance to the truth is flat between 2 and 3).
-SMOOTH = 2.5
 
 #: First and last level of the meshes on which a circle shrinks.
 SHRINK_LEVELS = (5, 6)
@@ -189,11 +178,11 @@ class PlanarFit:
         if self.stopped:
             return spline, mesh
         while True:
-            gap = max(self.settings.gap, WIDEST_GAP * mesh.finest)
-            speed = PointSpeed(self.cloud.points, gap, mesh.finest)
+            problem = point_problem(self.cloud.points, begin, self.settings.gap, mesh.finest)
             # Steps of a quarter of the gap cannot jump over the data; with half of `reach` the attraction is stable.
-            options = EvolveOptions(max_travel=0.25 * gap / mesh.finest, max_time_step=0.5 * speed.reach)
-            evolution = Evolution(spline, speed, options, StoppingRule(max_steps=150, tolerance=0.02))
+            travel = 0.25 * point_gap(self.settings.gap, mesh.finest) / mesh.finest
+            options = EvolveOptions(max_travel=travel, max_time_step=0.5 * mesh.finest)
+            evolution = Evolution(spline, problem.speed, options, problem.stopping)
             result = evolution.run(self._forward, len(self.history))
             self._record(result.history)
             spline = result.spline
@@ -210,13 +199,10 @@ class PlanarFit:
     def _refined(self, spline: TSpline) -> tuple[TSpline, Floats]:
         """Polish, split where the residual asks for it, go on from the re-fitted result."""
         while True:
-            options = PolishOptions(
-                smoothing_length=max(SMOOTH * self.noise, 0.6 * self.cloud.spacing),
-                constraint_weight=0.3 if self._is_noisy else 0.05,
-            )
-            floor = max(self.noise, 0.25 * self.cloud.spacing)
-            held, weights = self._held(spline)
-            polish = Polish(spline, np.vstack([self.cloud.points, held]), weights, options, floor)
+            samples = zero_set_samples(spline)
+            gap, at, shares = self.settings.gap, samples.points, samples.weights
+            speed = refinement(self.cloud, self.noise, gap, at, shares, self._tree)
+            polish = Polish.onto(spline, speed, PolishOptions(constraint_weight=0.3 if self._is_noisy else 0.05))
             spline = polish.run(self._forward, len(self.history))
             self._record(polish.history)
             residuals = polish.feet.residuals[: len(self.cloud.points)]
@@ -229,16 +215,6 @@ class PlanarFit:
             if len(finer.to_polylines()) != polish.feet.num_lines:
                 return spline, residuals
             spline = finer
-
-    def _held(self, spline: TSpline) -> tuple[Floats, Floats]:
-        """Places on the zero set without data near them, which hold it where it is, and the weights of all targets."""
-        samples = zero_set_samples(spline)
-        near = max(0.5 * self.settings.gap, 3.0 * self.noise)
-        bare = self._tree.query(samples.points)[0] > near
-        held = samples.points[bare]
-        # As much weight a length as HOLD times what the data have.
-        share = HOLD * samples.weights[bare] / self.cloud.spacing * float(self.cloud.weights.mean())
-        return held, np.concatenate([self.cloud.weights, share])
 
     @property
     def _is_noisy(self) -> bool:

@@ -4,14 +4,25 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from dataclasses import field as dataclass_field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tspline import TSpline
 from tspline.evolve import StepRecord
+from tspline.field import LevelSet
+from tspline.grid import GridField, spline_of
+from tspline.sparse_field import MarchRecord
 
-__all__ = ["FitResult"]
+__all__ = ["MESSAGES", "FitResult"]
+
+MESSAGES = {
+    0: "converged",
+    1: "the step limit was reached before the zero set came to rest",
+    2: "the zero set vanished before it met the data; try init='auto' or a larger gap",
+    3: "stopped by the callback",
+}
 
 
 @dataclass(frozen=True)
@@ -20,8 +31,8 @@ class FitResult:
 
     Attributes
     ----------
-    spline : TSpline
-        The implicit curve or surface, f < 0 inside, caller's coordinates.
+    field : TSpline or GridField
+        The implicit curve or surface, f < 0 inside, caller's coordinates: what the solver made.
     success : bool
         Whether the fit converged.
     status : int
@@ -31,7 +42,7 @@ class FitResult:
     nit : int
         Steps taken, evolution and refinement together.
     history : list of StepRecord
-        One record a step; lengths in the unit box of the fit.
+        One record a step (`MarchRecord` of the grid solver); lengths in the unit box of the fit.
     residuals : ndarray, shape (n,)
         Signed distances of the input points from the zero set, caller's units, > 0 outside.
     noise : float
@@ -46,12 +57,12 @@ class FitResult:
         What a user should know: open data, parts that the sampling does not resolve, curves removed.
     """
 
-    spline: TSpline
+    field: LevelSet
     success: bool
     status: int
     message: str
     nit: int
-    history: list[StepRecord]
+    history: list[StepRecord] | list[MarchRecord]
     residuals: NDArray[np.float64]
     noise: float
     gap: float
@@ -59,10 +70,13 @@ class FitResult:
     warnings: list[str] = dataclass_field(default_factory=list)
     genus: int | None = None
 
-    @property
-    def field(self) -> TSpline:
-        """The level set, whichever solver made it; here the spline."""
-        return self.spline
+    @cached_property
+    def spline(self) -> TSpline:
+        """The level set as a T-spline: itself, or one fitted to the grid's field when first asked for."""
+        if isinstance(self.field, TSpline):
+            return self.field
+        assert isinstance(self.field, GridField)
+        return spline_of(self.field)
 
     @property
     def rms_residual(self) -> float:

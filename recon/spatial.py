@@ -7,16 +7,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
+from recon.cells import Cells, cells_of, keys, lattice, thinned
+from recon.conversion import spline_of
 from recon.doubts import doubts
-from recon.orientation import Orientation, thinned
-from recon.outliers import isolated
 from recon.point_cloud import PointCloud
 from recon.point_tree import PointTree
 from recon.support import supported
-from recon.surface_scale import SurfaceScale
-from tspline import TMesh, TSpline, _core
+from recon.surface_start import SurfaceStart
+from tspline import TSpline, _core
 from tspline.contour import Triangles
 from tspline.evolve import EvolutionStep, StepRecord
 from tspline.evolve.evolution import Callback
@@ -24,9 +23,6 @@ from tspline.evolve.evolution import Callback
 __all__ = ["SpatialFit", "SpatialSettings", "distances"]
 
 Floats = NDArray[np.float64]
-Cells = NDArray[np.uint32]
-
-UNIT = np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
 
 #: Level that fills the whole box, and the first one near the data alone.
 BASE = 4
@@ -43,20 +39,20 @@ PROBE = 0.3
 #: Residuals of that fit understate the noise, as it follows the points a little.
 UNDERSTATED = 1.1 * 1.4826
 
-#: Smoothing length of noisy points over (noise * spacing)^(1/4), both in units of the box: the optimum of eight shapes
-#: at 1,000, 10,000 and 100,000 points lies within a tenth of it. The exponent balances what is left of the noise,
-#: noise * spacing / length, with the error at the shape's own curvatures, which grows as length^3.
-SMOOTH = 0.105
-POWER = 0.3
+#: Smoothing length of noisy points, SMOOTH (noise * spacing)^POWER in units of the box: about the optimum of eight
+#: shapes at 1,000, 10,000 and 100,000 points. Balancing what is left of the noise, noise * spacing / length, with the
+#: error at the shape's own curvatures, length^3, would make the exponent 1/4; the lattice's cut-off takes its part.
+SMOOTH, POWER = 0.105, 0.3
 
 #: Curvature beyond which bending costs less, 1 / box: creases and ridges of the distance are not smoothed away.
 KINK = 45.0
 
-#: Length that weighs errors of the direction against errors of the place, in spacings or standard deviations.
-DIRECTION = 0.3
+#: Noise below this part of the spacing counts as none.
+CLEAN = 0.12
 
-#: The same for the slope alone, in standard deviations.
-SLOPE = 0.7
+#: Length that weighs errors of the gradient against errors of the place, in spacings and in standard deviations: noise
+#: across the surface rewards a flat field, which the gradient's weight must outweigh.
+STEADY = (0.3, 0.7)
 
 #: Slope below which residuals are not divided by it.
 FLAT = 0.3
@@ -109,9 +105,6 @@ WIDE = 6.5
 #: Errors at T-junctions that are made good, in spacings and standard deviations.
 SPOILT = (0.005, 0.1)
 
-#: Samples that this takes at most, and at a time.
-MOST, BLOCK = 30_000, 6_000
-
 #: Side of the smallest cells in spacings, where all are split and where some are; and in smoothing lengths of noisy
 #: points.
 FINEST = (0.4, 0.6)
@@ -154,23 +147,18 @@ class SpatialFit:
     triangles: Triangles | None = None
 
     def __post_init__(self) -> None:
-        every = self.cloud.points
-        tree = PointTree(every)
-        alone = isolated(every, tree)
-        self._points = every[~alone]
-        self._left_out = int(alone.sum())
-        self._tree = PointTree(self._points) if self._left_out else tree
+        start = SurfaceStart.of(self.cloud, self.settings.start)
+        self._points, self._tree = start.points, start.tree
+        self._left_out = int(np.count_nonzero(~start.kept))
         self._far_tree = self._tree
         if len(self._points) > DISTANT[0]:
             self._far_tree = PointTree(thinned(self._points, DISTANT[1]))
-        scale = SurfaceScale.from_points(self._points, self._tree)
-        self.spacing, self.noise = scale.spacing, scale.noise
-        given = None if self.cloud.normals is None else self.cloud.normals[~alone]
-        self._orientation = Orientation.from_points(self._points, scale, given, self.settings.start)
+        self.spacing, self.noise = start.scale.spacing, start.scale.noise
+        self._orientation = start.orientation
         nearest = PointTree(self._orientation.points).query(self._points)[1]
         self._normals = self._orientation.normals[nearest]
         self._trust = self._orientation.trust[nearest]
-        self._weights = self.cloud.weights[~alone]
+        self._weights = self.cloud.weights[start.kept]
         self._residual = np.zeros(len(self._points))
         self._hierarchy = _core.Hierarchy(BASE)
         #: The field and its gradient at the points.
@@ -217,7 +205,7 @@ class SpatialFit:
 
     @property
     def _is_noisy(self) -> bool:
-        return self.noise > 0.12 * self.spacing
+        return self.noise > CLEAN * self.spacing
 
     @property
     def _smoothing(self) -> float:
@@ -332,9 +320,7 @@ class SpatialFit:
         target = np.concatenate([np.zeros(len(points)), distance])
         weight = np.concatenate([weights, np.full(len(far), FAR * max(1.0, SPARSE / len(points)) / n**2)])
         none = np.zeros((len(far), 3))
-        direction = max(DIRECTION * self.spacing, SLOPE * self.noise) ** 2 * weights
-        # Noise across the surface rewards a flat field; the weight of the slope must outweigh that.
-        unit_slope = max(DIRECTION * self.spacing, SLOPE * self.noise) ** 2 * weights
+        steady = max(STEADY[0] * self.spacing, STEADY[1] * self.noise) ** 2 * weights
         iterations = 0
         for turn in range(2 if fine else 1):
             if turn:
@@ -346,7 +332,7 @@ class SpatialFit:
                 place,
                 weight,
                 target,
-                np.concatenate([unit_slope if turn else direction * trust, np.zeros(len(far))]),
+                np.concatenate([steady if turn else steady * trust, np.zeros(len(far))]),
                 np.concatenate([normals, none]),
                 smoothing=max(smoothing, LEAST_SMOOTHING / n),
                 kink=KINK if turn and self._is_noisy else 0.0,
@@ -396,66 +382,9 @@ class SpatialFit:
         return places, distance * self._orientation.side(places)
 
     def spline(self) -> TSpline:
-        """The hierarchy as a T-spline: exact in the band around the zero set where the T-mesh is uniform."""
-        places, levels = [], []
-        for level, cells in enumerate(self._cells[1:], BASE + 1):
-            cells = _core.Hierarchy.around(cells, 1 << level, 1)
-            center = (cells + 0.5) / (1 << level)
-            value, gradient, _ = self._hierarchy.evaluate(center)
-            near = np.abs(value) <= 0.9 * np.linalg.norm(gradient, axis=1) / (1 << level)
-            places.append(center[near])
-            levels.append(np.full(int(near.sum()), level, dtype=np.uint8))
-        mesh = TMesh.from_points(UNIT, np.concatenate(places), np.concatenate(levels), pad=1, base=3)
-        knots = np.ascontiguousarray(mesh.core.local_knots / float(1 << 20))
-        spline = TSpline(mesh, self._signed(knots, self._hierarchy.coefficients(knots)))
-        if not self._local:
-            return spline
-        # T-junctions cross the surface between the last two levels.
-        center = np.concatenate(places[-2:])
-        side = 0.5 ** np.concatenate(levels[-2:]).astype(np.float64)
-        corners = np.stack(np.meshgrid(*[[-0.25, 0.25]] * 3), axis=-1).reshape(-1, 3)
-        samples = (center[:, None] + side[:, None, None] * corners).reshape(-1, 3)
-        return self._mended(spline, samples, 2.0 * float(side.max()))
-
-    def _signed(self, knots: Floats, coefficients: Floats) -> Floats:
-        """Coefficients of functions far off the surface with the field's sign there.
-
-        Across T-junctions a dual functional may be off by more than the field's value, which would make new parts.
-        """
-        value = self._hierarchy.evaluate(np.ascontiguousarray(np.clip(knots[:, :, 2], 0.0, 1.0)))[0]
-        span = (knots[:, :, 3] - knots[:, :, 1]).max(axis=1)
-        return np.where((value * coefficients < 0) & (np.abs(value) > 0.5 * span), value, coefficients)
-
-    def _mended(self, spline: TSpline, samples: Floats, reach: float) -> TSpline:
-        """The spline with what T-junctions at the zero set spoil made good, by least squares over samples there."""
-        off = self._hierarchy.evaluate(samples)[0] - spline(samples)
-        wrong = np.abs(off) > max(SPOILT[0] * self.spacing, SPOILT[1] * self.noise)
-        if not wrong.any():
-            return spline
-        near = np.flatnonzero(np.isfinite(PointTree(samples[wrong]).query(samples, distance_upper_bound=reach)[0]))
-        near = near[:: 1 + len(near) // MOST]
-        # A row of the basis takes ten kilobytes while it is made.
-        blocks = [spline.basis_matrix(samples[near[k : k + BLOCK]]) for k in range(0, len(near), BLOCK)]
-        basis = sparse.vstack(blocks, format="csr")
-        spoilt = samples[wrong][:: 1 + np.count_nonzero(wrong) // (MOST // 4)]
-        touched = np.unique(spline.basis_matrix(spoilt).indices)
-        basis = basis[:, touched].tocsr()
-        back = basis.T.tocsr()
-        start = spline.coefficients.copy()
-        diagonal = np.asarray(basis.multiply(basis).sum(axis=0)).ravel()
-        ridge = 1e-3 * float(diagonal.mean())
-        inverse = 1.0 / (diagonal + ridge)
-        x, r = np.zeros(len(touched)), back @ off[near]
-        p = z = inverse * r
-        for _ in range(15):
-            q = back @ (basis @ p) + ridge * p
-            step = (r @ z) / (p @ q)
-            x, next_r = x + step * p, r - step * q
-            next_z = inverse * next_r
-            p = next_z + (next_r @ next_z) / (r @ z) * p
-            r, z = next_r, next_z
-        start[touched] += x
-        return TSpline(spline.mesh, start)
+        """What the levels hold, as a T-spline over the unit box."""
+        spoilt = max(SPOILT[0] * self.spacing, SPOILT[1] * self.noise)
+        return spline_of(self._hierarchy, self._cells[1:], BASE + 1, spoilt if self._local else None)
 
     def _record(self, level: int, moved: Floats, iterations: int, unknowns: int) -> None:
         finite = moved[np.isfinite(moved)]
@@ -467,24 +396,6 @@ class SpatialFit:
             spline = self.spline()
             step = EvolutionStep(number, f"level {level}", spline, travel, spline.num_coefficients)
             self.stopped = self.callback(step) is True
-
-
-def lattice(n: int) -> Cells:
-    """All cells of a lattice with n cells an axis, shape (n^3, 3)."""
-    axis = np.arange(n, dtype=np.uint32)
-    return np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
-
-
-def cells_of(points: Floats, level: int) -> Cells:
-    """Cell of each point (n, 3) at a level, shape (n, 3)."""
-    n = 1 << level
-    return np.clip(np.floor(points * n), 0, n - 1).astype(np.uint32)
-
-
-def keys(cells: Cells) -> NDArray[np.int64]:
-    """One number a cell (n, 3), in the cells' order."""
-    order: NDArray[np.int64] = cells.astype(np.int64) @ np.array([1 << 42, 1 << 21, 1], dtype=np.int64)
-    return order
 
 
 def distances(spline: TSpline, points: Floats) -> Floats:
@@ -508,14 +419,13 @@ def gathered(
 
     Weights add up. Noisy points are averaged; of clean ones the heaviest stays, as a mean would leave the surface.
     """
-    key, first, member = np.unique(
-        keys(np.floor(points / size).astype(np.uint32)), return_index=True, return_inverse=True
-    )
+    key, member = np.unique(keys(np.floor(points / size).astype(np.uint32)), return_inverse=True)
     if len(key) > 0.7 * len(points):
         return points, normals, trust, weights
     total: Floats = np.bincount(member, weights).astype(np.float64)
     if not average:
-        return points[first], normals[first], trust[first], total
+        heaviest = np.lexsort((-weights, member))[np.searchsorted(np.sort(member), np.arange(len(key)))]
+        return points[heaviest], normals[heaviest], trust[heaviest], total
     share = weights / np.maximum(total[member], 1e-300)
 
     def mean(rows: Floats) -> Floats:

@@ -6,17 +6,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from recon.point_speed import PointSpeed
+from recon.cells import thinned
+from recon.problem import point_gap, point_problem
 from recon.start import Field
+from recon.support import parts
 from tspline import TMesh, TSpline
 from tspline.contour import triangulate
 from tspline.evolve import Evolution, EvolutionStep, EvolveOptions, StepRecord
 from tspline.evolve.evolution import Callback
-from tspline.speed import StoppingRule
 
 __all__ = ["SphereStart", "evolved_surface", "sphere_field"]
 
@@ -26,9 +25,6 @@ UNIT = np.array([[0.0] * 3, [1.0] * 3])
 
 #: Level of the first mesh, the least one that may be the last, the last one that starts anew, and the last one.
 FIRST, LEAST, RESTART, LAST = 3, 4, 5, 6
-
-#: Cells across the widest gap of the data; fewer would let the surface slip through.
-WIDEST_GAP = 2.5
 
 #: Points that the speed looks at, a cell along each axis: more cost time and do not move the surface.
 POINTS_A_SIDE = 4
@@ -168,17 +164,17 @@ class SphereStart:
     def _moved(self, spline: TSpline) -> TSpline:
         """The surface at rest on the spline's own mesh."""
         cell = spline.mesh.finest
-        gap = max(self.gap, WIDEST_GAP * cell)
-        speed = PointSpeed(thinned(self.points, cell / POINTS_A_SIDE), gap, cell)
+        problem = point_problem(thinned(self.points, cell / POINTS_A_SIDE), spline, self.gap, cell)
+        gap = point_gap(self.gap, cell)
         # Steps of a quarter of the gap cannot jump over the data; with half of `reach` the attraction is stable.
         options = EvolveOptions(
             max_travel=0.25 * gap / cell,
-            max_time_step=0.5 * speed.reach,
+            max_time_step=0.5 * cell,
             tolerance=TOLERANCE,
             diagonal=ITERATIONS,
             subdivision=0,
         )
-        evolution = Evolution(spline, speed, options, StoppingRule(max_steps=150, tolerance=0.02, patience=2))
+        evolution = Evolution(spline, problem.speed, options, replace(problem.stopping, patience=2))
         first = len(self.history)
         result = evolution.run(self._forward, first)
         self.history.extend(replace(r, nit=first + r.nit) for r in result.history)
@@ -222,12 +218,10 @@ class Surface:
         count = len(found.vertices)
         if count == 0:
             return None
-        edges = found.edges
-        graph = coo_array((np.ones(len(edges), dtype=bool), (edges[:, 0], edges[:, 1])), shape=(count, count))
-        parts, part = connected_components(graph, directed=False)
-        own = np.bincount(part[cKDTree(found.vertices).query(data)[1]], minlength=parts) / len(data)
+        number, part = parts(found)
+        own = np.bincount(part[cKDTree(found.vertices).query(data)[1]], minlength=number) / len(data)
         # Where parts separate, flakes of the zero set are left between them, with no data of their own.
-        kept = (own > SUPPORT * np.bincount(part, minlength=parts) / count)[part]
+        kept = (own > SUPPORT * np.bincount(part, minlength=number) / count)[part]
         if not kept.any():
             return None
         away = cKDTree(found.vertices[kept]).query(data)[0]
@@ -278,15 +272,6 @@ def without_outliers(points: Floats, gap: float) -> Floats:
     company = cKDTree(points).query(points, k=[COMPANY + 1])[0][:, 0] <= 0.5 * gap
     # Most of the points cannot be outliers: then it is the gap that is too narrow.
     chosen: Floats = points[company] if np.mean(company) > 0.5 else points
-    return chosen
-
-
-def thinned(points: Floats, side: float) -> Floats:
-    """One point of each cube of `side`."""
-    number = np.floor(points / side).astype(np.int64)
-    most = int(np.ceil(1.0 / side)) + 1
-    first = np.unique((number[:, 0] * most + number[:, 1]) * most + number[:, 2], return_index=True)[1]
-    chosen: Floats = points[np.sort(first)]
     return chosen
 
 

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from recon.chambers import Chambers
 from recon.point_cloud import PointCloud
-from tspline import TSpline
 from tspline.distance import PolylineDistance
+from tspline.field import LevelSet
 
 __all__ = ["chamber_field", "circle_field", "flipped", "missed_lines", "unsupported_lines"]
 
@@ -36,7 +36,7 @@ def circle_field(cloud: PointCloud) -> Field:
     return field
 
 
-def flipped(spline: TSpline, lines: list[Floats], step: float) -> Field:
+def flipped(spline: LevelSet, lines: list[Floats], step: float) -> Field:
     """The field whose sign is changed inside each of `lines`: adds missing curves, removes present ones.
 
     The magnitude stays a distance: the smaller one of |f| and the distance to the lines where these are new, and the

@@ -11,7 +11,7 @@ from recon.point_tree import PointTree
 from tspline import TSpline
 from tspline.contour import Triangles, triangulate
 
-__all__ = ["supported"]
+__all__ = ["lost_parts", "parts", "supported"]
 
 Floats = NDArray[np.float64]
 
@@ -45,15 +45,40 @@ def supported(spline: TSpline, points: Floats, spacing: float) -> tuple[TSpline,
         if number < 2:
             return spline, found, removed
         tree = PointTree(found.vertices)
-        nearest = label[tree.query(spline.mesh.to_unit(points))[1]]
-        held = np.bincount(nearest, minlength=number)
-        expected = np.bincount(label[found.faces[:, 0]], areas(found), number) * (spline.mesh.size / spacing) ** 2
-        lost = held < np.maximum(DENSITY * expected, max(LEAST[0], LEAST[1] * np.sqrt(len(points))))
+        lost, sign = lost_parts(found, label, number, tree, spline.mesh.to_unit(points), spacing / spline.mesh.size)
         if not lost.any() or lost.all():
             return spline, found, removed
         removed += int(lost.sum())
-        spline = _without(spline, found, label, lost, tree)
+        spline = _without(spline, found, label, lost, sign, tree)
     return spline, triangulate(spline), removed
+
+
+def lost_parts(
+    found: Triangles, label: NDArray[np.int32], number: int, tree: PointTree, points: Floats, spacing: float
+) -> tuple[NDArray[np.bool_], Floats]:
+    """Which of the closed surfaces hardly any of the `points` (n, 3) are nearest to, and the sign of f around each.
+
+    Parameters
+    ----------
+    found : Triangles
+        The surfaces.
+    label : ndarray, shape (m,)
+        Number of each vertex's surface, see `parts`.
+    number : int
+        Their number.
+    tree : PointTree
+        The vertices'.
+    points : ndarray, shape (n, 3)
+        The data, in the box of the triangles.
+    spacing : float
+        Theirs, in that box.
+    """
+    held = np.bincount(label[tree.query(points)[1]], minlength=number)
+    expected = np.bincount(label[found.faces[:, 0]], areas(found), number) / spacing**2
+    lost = held < np.maximum(DENSITY * expected, max(LEAST[0], LEAST[1] * np.sqrt(len(points))))
+    corners = found.vertices[found.faces]
+    volume = np.einsum("nd,nd->n", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
+    return lost, np.sign(np.bincount(label[found.faces[:, 0]], volume, number))
 
 
 def areas(found: Triangles) -> Floats:
@@ -76,11 +101,13 @@ def parts(found: Triangles) -> tuple[int, NDArray[np.int32]]:
 
 
 def _without(
-    spline: TSpline, found: Triangles, label: NDArray[np.int32], lost: NDArray[np.bool_], tree: PointTree
+    spline: TSpline,
+    found: Triangles,
+    label: NDArray[np.int32],
+    lost: NDArray[np.bool_],
+    sign: Floats,
+    tree: PointTree,
 ) -> TSpline:
-    corners = found.vertices[found.faces]
-    volume = np.einsum("nd,nd->n", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
-    sign = np.sign(np.bincount(label[found.faces[:, 0]], volume, len(lost)))
     mesh = spline.mesh
     anchors = mesh.to_unit(mesh.anchors)
     reach = 3.0 / (1 << int(mesh.depth))

@@ -2,49 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from segment.edge_points import refine_along_normals
+from segment.edge_targets import LEAST_UNCERTAINTY, Targets, edge_targets
 from segment.frame import ImageFrame
+from segment.problem import refinement
 from segment.pyramid import PyramidLevel
 from tspline import TSpline, _core
 from tspline.evolve import EvolutionStep, Polish, PolishOptions, StepRecord, zero_set_samples
 from tspline.evolve.evolution import Callback
 
-__all__ = ["ContourFit", "Targets"]
+__all__ = ["ContourFit"]
 
 FloatArray = NDArray[np.float64]
-
-#: Weight of a place without an edge, which only holds the contour where it is.
-HOLD = 0.05
-#: Uncertainties below that many level pixels say nothing: the edge model itself is not better.
-LEAST_UNCERTAINTY = 0.03
-
-
-@dataclass(frozen=True)
-class Targets:
-    """Where the contour should pass, index coordinates of the full image.
-
-    Attributes
-    ----------
-    points : ndarray, shape (k, 2)
-        Edge points, or the contour's own points where none was found.
-    weights : ndarray, shape (k,)
-        From their uncertainties; `HOLD` where none was found.
-    uncertainty : ndarray, shape (k,)
-        Standard deviation along the normal, pixels; infinite where none was found.
-    found : ndarray of bool, shape (k,)
-        Whether an edge was found.
-    """
-
-    points: FloatArray
-    weights: FloatArray
-    uncertainty: FloatArray
-    found: NDArray[np.bool_]
 
 
 class ContourFit:
@@ -97,33 +69,14 @@ class ContourFit:
         samples = zero_set_samples(self.spline)
         if len(samples) == 0:
             return None
-        scale = level.scale
-        kept = _thinned(samples.weights, 0.75 * scale)
-        at, normals = samples.points[kept], samples.normals[kept]
-        curvatures = np.clip(self.spline.curvatures(at) * scale, -0.25, 0.25)
-        edges = refine_along_normals(level, level.from_full(at), normals, reach, curvatures=np.nan_to_num(curvatures))
-        along = self._border(at)
-        found = edges.found & ~along
-        points = np.where(found[:, None], level.to_full(np.nan_to_num(edges.points)), at)
-        uncertainty = np.where(found, edges.uncertainty, np.inf) * scale
-        sure = np.maximum(edges.uncertainty, LEAST_UNCERTAINTY)
-        weights = np.where(found, np.minimum((0.1 / sure) ** 2, 1.0), HOLD)
-        weights[along] = 1.0
-        return Targets(points, weights, uncertainty, found)
-
-    def _border(self, points: FloatArray) -> NDArray[np.bool_]:
-        """Points that run along the image's border, where there is no edge to find."""
-        limits = np.array(self.frame.shape) - 0.5
-        return np.asarray(np.any((points < 0.5) | (points > limits - 1.0), axis=1))
+        shape = self.frame.shape
+        return edge_targets(self.spline, level, reach, samples.points, samples.normals, samples.weights, shape)
 
     def _polish(self, level: PyramidLevel, targets: Targets, first: int) -> None:
-        scale = level.scale
-        sure = np.median(targets.uncertainty[targets.found])
-        options = PolishOptions(smoothing_length=(1.0 + 4.0 * sure / scale) * scale, constraint_weight=0.1, max_steps=3)
         core = self.spline.mesh.core
         system = self._system if self._system is not None and self._mesh is core else None
-        floor = max(0.3 * scale, float(sure))
-        polish = Polish(self.spline, targets.points, targets.weights, options, floor, system)
+        options = PolishOptions(constraint_weight=0.1, max_steps=3)
+        polish = Polish.onto(self.spline, refinement(level, targets), options, system)
         self._system, self._mesh = polish.system, core
         before = len(self.history)
         self.spline = polish.run(self._told, first + before)
@@ -154,9 +107,3 @@ class ContourFit:
         wanted = np.concatenate([here[asked] + 1, here]).astype(np.uint8)
         finer = self.frame.mesh(np.vstack([points[asked], points]), wanted, base=min(3, self.max_depth))
         self.spline, _ = self.spline.refit(finer)
-
-
-def _thinned(weights: FloatArray, step: float) -> NDArray[np.int64]:
-    """Numbers of samples about `step` apart along the contour."""
-    place = np.floor(np.cumsum(weights) / step)
-    return np.flatnonzero(np.diff(place, prepend=-1.0) > 0)

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tspline import TSpline
+from tspline.field import LevelSet
 
 __all__ = ["filled", "mask_field", "rasterised", "signed_distance"]
 
@@ -58,7 +58,7 @@ def mask_field(mask: BoolArray, scale: int, margin: int = 4) -> Callable[[FloatA
     return field
 
 
-def rasterised(spline: TSpline, contours: list[FloatArray], shape: tuple[int, int]) -> BoolArray:
+def rasterised(field: LevelSet, contours: list[FloatArray], shape: tuple[int, int]) -> BoolArray:
     """f < 0 at the pixel centres (index coordinates): contours filled, pixels beside them evaluated one by one."""
     mask = filled(contours, shape)
     if not contours:
@@ -68,7 +68,7 @@ def rasterised(spline: TSpline, contours: list[FloatArray], shape: tuple[int, in
     cv2.polylines(band, lines, isClosed=True, color=1, thickness=3, lineType=cv2.LINE_8, shift=SHIFT)
     beside = np.argwhere(band > 0)
     if len(beside):
-        mask[beside[:, 0], beside[:, 1]] = spline(beside.astype(np.float64)) < 0
+        mask[beside[:, 0], beside[:, 1]] = field(beside.astype(np.float64)) < 0
     return mask
 
 

@@ -10,41 +10,28 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from segment.chambers import inner_boundaries
+from segment.assembly import Found, assembled
+from segment.carving import carved
 from segment.contour_fit import ContourFit
-from segment.edge_speed import EdgeSpeed
 from segment.edges import EdgeField, detect_edges
 from segment.frame import ImageFrame
+from segment.grid_segmentation import GridSegmentation
 from segment.image_data import ImageData
+from segment.problem import HASTE, enclosure, image_problem
 from segment.pyramid import PyramidLevel, pyramid
-from segment.raster import filled, mask_field, rasterised
+from segment.raster import mask_field
 from segment.result import SegmentResult
 from segment.start import Start, chamber_start
 from tspline import TMesh, TSpline
 from tspline.errors import require
 from tspline.evolve import Evolution, EvolutionStep, EvolveOptions, StepRecord
-from tspline.speed import StoppingRule
 
 __all__ = ["segment_image"]
 
 FloatArray = NDArray[np.float64]
 
-MESSAGES = {
-    0: "converged",
-    1: "the step limit was reached before the contour came to rest",
-    2: "nothing found: no closed edge inside the start region",
-    3: "stopped by the callback",
-}
-
 #: Side of the first cells, in pixels of the coarsest level.
 COARSE_CELL = 8.0
-#: How many times faster the contour moves while it is far from all edges: steps of about a cell. Near edges it moves a
-#: level pixel a step, as a wall of g < 1/2 is about five pixels thick and must not be jumped over.
-HASTE = 6.0
-#: Speed of the shrinking contour where there is no edge, pixels of the coarsest level per unit time.
-BALLOON = -1.0
-#: A curve of whose points less than half have g below this lies on no edge.
-ON_EDGE = 0.75
 #: Longest time step: the attraction to an edge grows by about one a pixel, beyond that it would overshoot.
 MAX_TIME_STEP = 1.0
 #: Side of the cells along edges while a circle or box shrinks, in pixels of the coarsest level.
@@ -61,10 +48,10 @@ def segment_image(
     roi: ArrayLike | None = None,
     max_depth: int | None = None,
     solver: str = "tspline",
-    callback: Callable[[EvolutionStep], object] | None = None,
+    callback: Callable[[Any], object] | None = None,
     rng: Any = None,
 ) -> SegmentResult:
-    """Find objects by their edges, as the zero set of one T-spline.
+    """Find objects by their edges, as the zero set of one T-spline, or of a field on a grid.
 
     Parameters
     ----------
@@ -86,17 +73,19 @@ def segment_image(
         Region of interest; outside it nothing is object.
     max_depth : int, optional
         Deepest level of the T-mesh.
-    solver : "tspline"
-        The solver.
+    solver : "tspline" or "grid"
+        What carries the level set: an adaptive T-spline, or the values at the pixels in a band around it, moved by the
+        sparse-field scheme. Both run the same problems from the same start; `max_depth` is the T-spline's own.
     callback : callable, optional
-        Gets an `EvolutionStep` after each step, coordinates in pixels; returning True ends the run.
+        Gets an `EvolutionStep` (grid: a `MarchStep`) after each step, coordinates in pixels, whose `field` is the level
+        set; returning True ends the run.
     rng : None
         Nothing here is random; accepted for the common signature.
 
     Returns
     -------
     SegmentResult
-        Mask, labels, contours, spline; see there.
+        Mask, labels, contours, field; see there.
 
     Raises
     ------
@@ -116,17 +105,23 @@ def segment_image(
         "'auto' or 'edges' (regions are not part of this release)",
     )
     require(callback is None or callable(callback), "callback", repr(callback), "a callable or None")
-    require(solver == "tspline", "solver", repr(solver), "'tspline'")
+    require(solver in ("tspline", "grid"), "solver", repr(solver), "'tspline' or 'grid'")
     side = _checked_spacing(spacing)
     if max_depth is not None:
         ok = isinstance(max_depth, int | np.integer) and 2 <= max_depth <= 14
         require(ok, "max_depth", repr(max_depth), "an integer from 2 to 14, or None")
     data = ImageData.from_array(image, channel_axis)
     start = Start.checked(data.shape, init, seeds, roi)
+    if solver == "grid":
+        on_grid = GridSegmentation(data, start, callback)
+        on_grid.begin()
+        on_grid.polish()
+        found = Found(on_grid.status, on_grid.run.history, on_grid.warnings, on_grid.uncertainty)
+        return assembled(on_grid.field, data.shape, side, found)
     run = _Run(data, start, max_depth, callback)
     run.begin()
     run.polish()
-    return run.result(side)
+    return assembled(run.spline, data.shape, side, Found(run.status, run.history, run.warnings, run.uncertainty))
 
 
 def _checked_spacing(spacing: float | None) -> float:
@@ -202,15 +197,16 @@ class _Run:
         level = min(self.frame.level(EVOLVE_CELL * self.scale), self.max_depth or 14)
         base = min(4, level)
         mesh = self.frame.mesh(wall, level, pad=0, base=base) if len(wall) else TMesh.uniform(self.frame.bounds, base)
-        spline = TSpline.fit(mesh, self._enclosure())
+        begin = enclosure(self.start.kind, self.frame, self.scale)
+        spline = TSpline.fit(mesh, begin)
         self.spline = spline
         self._tell(spline)
         if self.status == 3:
             return
-        speed = EdgeSpeed(edges, BALLOON, haste=HASTE)
-        rule = StoppingRule(max_steps=250, tolerance=0.02)
+        problem = image_problem(edges, begin, self.frame, mesh.finest)
         travel = HASTE * self.scale / mesh.finest
-        evolution = Evolution(spline, speed, EvolveOptions(max_travel=travel, max_time_step=MAX_TIME_STEP), rule)
+        options = EvolveOptions(max_travel=travel, max_time_step=MAX_TIME_STEP)
+        evolution = Evolution(spline, problem.speed, options, problem.stopping)
         result = evolution.run(self._told, 0)
         self.history.extend(result.history)
         if self.status != 3:
@@ -227,30 +223,9 @@ class _Run:
 
     def _carve(self, edges: EdgeField) -> None:
         """Drop curves on no edge, cut out inner boundaries, heed seeds and region of interest."""
-        level = self.levels[-1]
-        lines = self.spline.to_polylines()
-        kept = [line for line in lines if float(np.mean(edges.sample(line)[0] < ON_EDGE)) >= 0.5]
-        inside = filled([level.from_full(line) for line in kept], level.shape)
-        found = inner_boundaries(edges, inside)
-        carved = self.start.heeded((inside & ~found.holes) | found.islands, level)
-        if len(kept) < len(lines) or bool((carved != inside).any()):
-            self.spline = self._represented(mask_field(carved, self.scale), carved)
-
-    def _enclosure(self) -> Callable[[FloatArray], FloatArray]:
-        rows, columns = self.frame.shape
-        centre = np.array([rows - 1, columns - 1]) / 2
-        half = np.array([rows, columns]) / 2
-        gap = 2.0 * self.scale
-
-        def circle(points: FloatArray) -> FloatArray:
-            return np.asarray(np.linalg.norm(points - centre, axis=1) - float(np.linalg.norm(half)))
-
-        def box(points: FloatArray) -> FloatArray:
-            away = np.abs(points - centre) - (half - gap)
-            outside = np.linalg.norm(np.maximum(away, 0.0), axis=1)
-            return np.asarray(outside + np.minimum(away.max(axis=1), 0.0))
-
-        return circle if self.start.kind == "circle" else box
+        inside = carved(self.spline.to_polylines(), edges, self.start, self.levels[-1])
+        if inside is not None:
+            self.spline = self._represented(mask_field(inside, self.scale), inside)
 
     def polish(self) -> None:
         """The place, from the coarsest level to the full image."""
@@ -268,44 +243,6 @@ class _Run:
         self.spline = fit.spline
         first = len(self.history)
         self.history.extend(replace(r, nit=first + k) for k, r in enumerate(fit.history, start=1))
-
-    def result(self, side: float) -> SegmentResult:
-        """Everything that is told of the spline."""
-        spline, shape = self.spline, self.frame.shape
-        contours = [] if self.status == 2 else spline.to_polylines()
-        if not contours and self.status == 0:
-            self.status = 2
-        mask = rasterised(spline, contours, shape)
-        count, labels = cv2.connectedComponents(mask.astype(np.uint8), connectivity=8, ltype=cv2.CV_32S)
-        metadata = {"made_by": "segment_image", "shape": list(shape), "spacing": side}
-        placed = spline if side == 1.0 else spline.rescaled(spline.bounds * side)
-        return SegmentResult(
-            mask=mask,
-            labels=labels,
-            contours=contours,
-            contour_flags=[self._along_border(line) for line in contours],
-            contour_uncertainty=[self._uncertain(line) for line in contours],
-            spline=TSpline(placed.mesh, placed.coefficients, metadata),
-            success=self.status == 0,
-            status=self.status,
-            message=MESSAGES[self.status],
-            nit=len(self.history),
-            history=self.history,
-            num_components=int(count) - 1,
-            warnings=self.warnings,
-        )
-
-    def _along_border(self, line: FloatArray) -> NDArray[np.bool_]:
-        limits = np.array(self.frame.shape) - 0.5
-        return np.asarray(np.any((line < 0.5) | (line > limits - 1.0), axis=1))
-
-    def _uncertain(self, line: FloatArray) -> FloatArray:
-        if self.uncertainty is None:
-            return np.full(len(line), np.inf)
-        from scipy.spatial import cKDTree
-
-        places, values = self.uncertainty
-        return np.asarray(values[cKDTree(places).query(line)[1]])
 
     def _told(self, step: EvolutionStep) -> bool:
         stop = self.callback is not None and self.callback(step) is True

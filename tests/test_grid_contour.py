@@ -75,7 +75,8 @@ def test_measures_are_of_fourth_order() -> None:
         errors.append([field.area() / (4 * np.pi**2 * R * r) - 1, field.volume() / (2 * np.pi**2 * R * r**2) - 1])
     order = np.log2(np.abs(errors[0]) / np.abs(errors[1]))
     assert (order > 3.5).all(), (errors, order)
-    assert np.abs(errors[1]).max() < 2e-5
+    # The tube is six cells thick.
+    assert np.abs(errors[1]).max() < 1e-4
 
 
 def test_planar_measures_are_of_fourth_order() -> None:
@@ -203,8 +204,9 @@ def test_a_tolerance_is_kept() -> None:
     assert len(coarse.vertices) < len(fine.vertices)
     for mesh, tolerance in ((coarse, 5e-3), (fine, 2e-4)):
         assert mesh.is_watertight
-        middles = mesh.vertices[mesh.edges_unique].mean(axis=1)
-        assert np.abs(torus(middles)).max() < 1.1 * tolerance
+        middles = np.asarray(mesh.vertices)[mesh.edges_unique].mean(axis=1)
+        distance = np.abs(field(middles)) / np.linalg.norm(field.gradient(middles), axis=1)
+        assert distance.max() < 1.01 * tolerance
 
 
 def test_what_belongs_to_the_other_dimension_is_refused() -> None:

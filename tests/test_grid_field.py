@@ -76,7 +76,7 @@ def test_outside_there_is_nothing() -> None:
     outer = np.array([[1.1, 0.0], [0.0, -1.0001], [np.nan, 0.0], [np.inf, 0.0]])
     assert np.isposinf(field(outer)).all()
     assert np.isnan(field.gradient(outer)).all()
-    assert field([1.0, 1.0]) == 1.0
+    assert float(field([1.0, 1.0])) == pytest.approx(1.0, abs=1e-15)
     assert field(np.zeros((2, 3, 2))).shape == (2, 3)
     # Rounding alone takes no node off the grid.
     grid = Grid((7, 11, 4), (0.1, 0.3, 0.7), (0.3, 1e3, -7.7))
@@ -122,8 +122,9 @@ def test_bands_hold_less_and_the_same() -> None:
     np.testing.assert_array_equal(band.values, dense.values.clip(-0.1, 0.1))
     near = 0.7 * np.eye(3)
     np.testing.assert_allclose(band(near * 1.02), dense(near * 1.02), atol=1e-12)
-    assert band([[0.0, 0.0, 0.0]]) == -0.1
-    assert band([[0.99, 0.99, 0.99]]) == 0.1
+    far = np.array([[0.0, 0.0, 0.0], [0.99, 0.99, 0.99]])
+    np.testing.assert_allclose(band(far), [-0.1, 0.1], rtol=1e-14)
+    assert (np.abs(band(far)) <= 0.1).all()
 
 
 def test_from_a_spline() -> None:
@@ -142,7 +143,7 @@ def test_large_fields_are_never_dense() -> None:
     grid = Grid((1025,) * 3, 2.0 / 1024, -1.0)
     field = GridField.from_function(grid, lambda p: sphere(p, 0.1), band=0.006)
     assert field.num_coefficients < 4e6
-    assert field([[0.1, 0.0, 0.0]])[0] == pytest.approx(0.0, abs=1e-9)
+    assert field([[0.1, 0.0, 0.0]])[0] == pytest.approx(0.0, abs=1e-8)  # h^4 / r^3 over 72
     with pytest.raises(InvalidArgumentError, match=r"^values: found"):
         _ = field.values
 

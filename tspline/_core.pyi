@@ -6,7 +6,18 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Blocks", "Hierarchy", "System", "TMesh", "locate_cells", "num_threads", "planes", "sides_of"]
+__all__ = [
+    "Blocks",
+    "Hierarchy",
+    "SparseField",
+    "System",
+    "TMesh",
+    "locate_cells",
+    "num_threads",
+    "planes",
+    "scan_convert",
+    "sides_of",
+]
 
 _Floats = NDArray[np.float64]
 _Ints = NDArray[np.int64]
@@ -91,6 +102,29 @@ class TMesh:
     def check(self, c: _Floats) -> None: ...
 
 @final
+class SparseField:
+    def __new__(cls, blocks: Blocks, spacing: list[float], layers: int, order: int) -> SparseField: ...
+    @property
+    def num_active(self) -> int: ...
+    @property
+    def num_nodes(self) -> int: ...
+    def blocks(self) -> Blocks: ...
+    def samples(self, staged: bool) -> tuple[_Floats, _Floats, _Floats, _Floats]: ...
+    def curvatures(self, staged: bool) -> _Floats: ...
+    def principal_curvatures(self, staged: bool) -> _Floats: ...
+    def advance(
+        self,
+        normal: _Floats,
+        advection: _Floats | None,
+        smoothing: _Floats | None,
+        step: float,
+        staged: bool,
+    ) -> tuple[float, float]: ...
+    def undo(self) -> None: ...
+    def commit(self) -> None: ...
+    def check_invariants(self) -> None: ...
+
+@final
 class System:
     def __new__(cls, mesh: TMesh) -> System: ...
     def solve(
@@ -147,6 +181,14 @@ class Hierarchy:
 
 def num_threads() -> int: ...
 def planes(cloud: _Floats, queries: _Floats, patches: _Ints) -> tuple[_Floats, _Floats, _Floats]: ...
+def scan_convert(
+    vertices: _Floats,
+    faces: NDArray[np.uint32],
+    shape: Sequence[int],
+    origin: Sequence[float],
+    spacing: Sequence[float],
+    far: float,
+) -> Blocks: ...
 def sides_of(
     cloud: _Floats,
     normals: _Floats,

@@ -41,6 +41,11 @@ class EvolutionStep:
     travel: float
     num_coefficients: int
 
+    @property
+    def field(self) -> TSpline:
+        """The level set after the step, as steps of the grid solver have it too; here the spline."""
+        return self.spline
+
 
 #: A callback that returns True ends the run.
 Callback = Callable[[EvolutionStep], object]
@@ -102,7 +107,7 @@ class Evolution:
         if len(samples) == 0:
             return None
         self.speed.prepare(state)
-        terms = self.speed(samples)
+        terms = self._terms(samples, samples)
         size, cell = spline.mesh.size, spline.mesh.finest
         explicit = terms.explicit(samples.normals)
         fastest = float(np.abs(explicit).max())
@@ -170,7 +175,20 @@ class Evolution:
         back = replace(samples, points=samples.points - 0.5 * step * along)
         second = 0.5 * step * np.einsum("md,md->m", along, along)
         smoothing = second if terms.smoothing is None else terms.smoothing + second
-        return self.speed(back).explicit(samples.normals), smoothing
+        return self._terms(back, samples).explicit(samples.normals), smoothing
+
+    def _terms(self, seen: LevelSetSamples, moved: LevelSetSamples) -> SpeedTerms:
+        """The speed's terms where it is `seen`, for the samples that are `moved`.
+
+        A speed v(k) that depends on curvature is taken as [v(k) + D kappa] - D kappa with D = max |dv/dk|, the bracket
+        as it is now and the rest semi-implicitly: the same speed, damped where an explicit step would overshoot.
+        """
+        terms = self.speed(seen)
+        if terms.diffusivity is None:
+            return terms
+        smoothing = terms.diffusivity if terms.smoothing is None else terms.smoothing + terms.diffusivity
+        normal = terms.normal + terms.diffusivity * moved.curvatures
+        return replace(terms, normal=normal, smoothing=smoothing, diffusivity=None)
 
     def __iter__(self) -> Iterator[StepRecord]:
         while (record := self.step()) is not None:

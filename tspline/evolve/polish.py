@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from tspline.evolve.evolution import Callback, EvolutionStep
 from tspline.evolve.options import PolishOptions
 from tspline.evolve.result import StepRecord
 from tspline.evolve.zero_set import Floats
+from tspline.speed import AttractionSpeed, robust_scale, robust_weights
 from tspline.spline import TSpline
 
 __all__ = ["Feet", "Polish", "robust_scale", "robust_weights"]
@@ -102,6 +103,14 @@ class Polish:
         self._spline = spline
         self.system = system or _core.System(spline.mesh.core)
 
+    @classmethod
+    def onto(
+        cls, spline: TSpline, speed: AttractionSpeed, options: PolishOptions, system: _core.System | None = None
+    ) -> Polish:
+        """The Gauss-Newton form of a speed: its targets, weights, noise, cut and smoothing length."""
+        settings = replace(options, smoothing_length=speed.smoothing_length, robust=speed.robust)
+        return cls(spline, speed.targets, speed.weights, settings, speed.noise, system)
+
     @property
     def spline(self) -> TSpline:
         """The level set now."""
@@ -185,20 +194,6 @@ class Polish:
         if self.options.robust > 0:
             residuals = np.minimum(np.abs(residuals), limit)
         return float(np.sqrt(np.average(residuals**2, weights=self._weights)))
-
-
-def robust_scale(residuals: Floats) -> float:
-    """Standard deviation of the bulk of the residuals by their median magnitude."""
-    return 1.4826 * float(np.median(np.abs(residuals))) if len(residuals) else 0.0
-
-
-def robust_weights(residuals: Floats, cut: float, noise: float) -> Floats:
-    """Tukey's biweight at `cut` times the robust scale; ones when `cut` is 0."""
-    if cut <= 0:
-        return np.ones(len(residuals))
-    scale = cut * max(robust_scale(residuals), noise, 1e-300)
-    weights: Floats = np.clip(1.0 - (residuals / scale) ** 2, 0.0, None) ** 2
-    return weights
 
 
 def _lengths(spline: TSpline) -> Floats:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tspline.contour import triangulate
+from tspline.geometry import principal_curvatures
 from tspline.speed import LevelSetSamples
 from tspline.spline import TSpline
 
@@ -35,6 +36,12 @@ class SplineState:
     def curvatures(self, points: Floats) -> Floats:
         """kappa = div n at points (k, d), shape (k,)."""
         return self.spline.curvatures(points)
+
+    def principal_curvatures(self, points: Floats) -> Floats:
+        """k1 >= k2 at points (k, 3), shape (k, 2); kappa at points (k, 2), shape (k, 1)."""
+        if self.spline.dim == 2:
+            return self.spline.curvatures(points)[:, None]
+        return principal_curvatures(self.spline.gradient(points), self.spline.hessian(points))
 
 
 def zero_set_samples(spline: TSpline, time: float = 0.0, subdivision: int = 1) -> LevelSetSamples:

@@ -30,6 +30,9 @@ class LevelSetState(Protocol):
     def curvatures(self, points: Floats) -> Floats:
         """kappa = div n at points (k, d), shape (k,)."""
 
+    def principal_curvatures(self, points: Floats) -> Floats:
+        """At points (k, d): k1 >= k2, shape (k, 2), in space; kappa alone, shape (k, 1), in the plane."""
+
 
 @dataclass(frozen=True)
 class LevelSetSamples:
@@ -62,6 +65,11 @@ class LevelSetSamples:
     def curvatures(self) -> Floats:
         """kappa = div n, shape (m,); > 0 on circles and spheres, in 3D the sum of the principal curvatures."""
         return self.state.curvatures(self.points)
+
+    @cached_property
+    def principal_curvatures(self) -> Floats:
+        """k1 >= k2, shape (m, 2), adding up to kappa; in the plane kappa alone, shape (m, 1)."""
+        return self.state.principal_curvatures(self.points)
 
     def __len__(self) -> int:
         return len(self.points)

@@ -17,6 +17,7 @@ pub mod element;
 pub mod error;
 pub mod evaluate;
 pub mod field;
+pub mod front;
 pub mod gauss;
 pub mod grid;
 pub mod hierarchy;

@@ -9,6 +9,8 @@ mod cloud;
 mod convert;
 mod hierarchy;
 mod mesh;
+mod scan;
+mod sparse_field;
 mod system;
 
 use pyo3::prelude::*;
@@ -24,6 +26,10 @@ mod _core {
     use super::hierarchy::Hierarchy;
     #[pymodule_export]
     use super::mesh::TMesh;
+    #[pymodule_export]
+    use super::scan::scan_convert;
+    #[pymodule_export]
+    use super::sparse_field::SparseField;
     #[pymodule_export]
     use super::system::System;
 }

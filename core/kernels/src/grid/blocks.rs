@@ -335,6 +335,38 @@ impl<const D: usize> Blocks<D> {
         }
     }
 
+    /// Value one node along two axes at once from a node of a stored block.
+    #[inline(always)]
+    pub fn diagonal(
+        &self,
+        values: &[f64],
+        slot: usize,
+        offset: usize,
+        axes: [usize; 2],
+        steps: [isize; 2],
+    ) -> f64 {
+        let [a, b] = axes;
+        let at = |axis: usize| (offset >> shift::<D>(axis) & (SIDE - 1)) as isize;
+        let (p, q) = (at(a) + steps[0], at(b) + steps[1]);
+        if (p as usize) < SIDE && (q as usize) < SIDE {
+            let to = offset as isize + (steps[0] << shift::<D>(a)) + (steps[1] << shift::<D>(b));
+            return values[slot * Self::VOLUME + to as usize];
+        }
+        // Across a side of the block: first along the axis that leaves it.
+        let (first, second) = if (p as usize) < SIDE { (1, 0) } else { (0, 1) };
+        let up = steps[first] > 0;
+        let wrap = if up { 1 - SIDE as isize } else { SIDE as isize - 1 };
+        match self.neighbors[slot * 2 * D + 2 * axes[first] + usize::from(up)] {
+            OUTSIDE => self.far,
+            INSIDE => -self.far,
+            BORDER => self.beside(values, slot, offset, axes[second], steps[second]),
+            other => {
+                let there = (offset as isize + (wrap << shift::<D>(axes[first]))) as usize;
+                self.beside(values, other as usize, there, axes[second], steps[second])
+            }
+        }
+    }
+
     /// Store the blocks at `places` (those that are not stored yet), with the sign that they had.
     pub fn store(&mut self, places: &[[u32; D]]) {
         let first = self.len();

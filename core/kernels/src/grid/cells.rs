@@ -1,8 +1,10 @@
 //! Which cells of a grid the zero set of the interpolant may pass.
 //!
-//! On a cell the interpolant is a mean of the B-spline coefficients around it: where these have one sign, it has it too.
+//! On a cell the interpolant is a mean of the B-spline coefficients around it, and of its Bernstein coefficients there: where
+//! these have one sign, it has it too.
 //! Blocks that lie further than one block from any stored one hold a constant.
 
+use multiversion::multiversion;
 use rayon::prelude::*;
 
 use super::blocks::{Blocks, Neighbor, SIDE};
@@ -13,21 +15,26 @@ const SPAN: usize = SIDE + 5;
 const KNOTS: usize = SIDE + 3;
 const AROUND: usize = 4;
 
-/// Cells, by their lowest nodes, whose coefficients do not all lie beyond `margin` on one side. Those on the border of the
+/// Cells, by their lowest nodes, whose Bernstein coefficients do not all lie beyond `margin` on one side. Those on the border of the
 /// grid are left out only if they are outside: the border closes the shape.
 pub fn live<const D: usize>(blocks: &Blocks<D>, margin: f64) -> Vec<[u32; D]> {
     let candidates = candidates(blocks);
     candidates
         .par_chunks(16)
         .flat_map_iter(|places| {
-            let mut work = Work::new();
             let mut out = Vec::new();
-            for place in places {
-                work.cells(blocks, place, margin, &mut out);
-            }
+            cells_of(blocks, places, margin, &mut out);
             out
         })
         .collect()
+}
+
+#[multiversion(targets("x86_64+avx+avx2"))]
+fn cells_of<const D: usize>(blocks: &Blocks<D>, places: &[[i64; D]], margin: f64, out: &mut Vec<[u32; D]>) {
+    let mut work = Work::new();
+    for place in places {
+        work.cells(blocks, place, margin, out);
+    }
 }
 
 /// Blocks on which the interpolant is no constant, or that the border cuts.
@@ -88,6 +95,7 @@ fn place_of<const D: usize>(mut b: usize, counts: &[usize; D]) -> [i64; D] {
 struct Work<const D: usize> {
     values: Vec<f64>,
     least: Vec<f64>,
+    largest: Vec<f64>,
 }
 
 impl<const D: usize> Work<D> {
@@ -96,9 +104,11 @@ impl<const D: usize> Work<D> {
         Self {
             values: vec![0.0; volume],
             least: vec![0.0; volume],
+            largest: vec![0.0; volume],
         }
     }
 
+    #[inline(always)]
     fn cells(&mut self, blocks: &Blocks<D>, place: &[i64; D], margin: f64, out: &mut Vec<[u32; D]>) {
         let shape = blocks.shape();
         self.gather(blocks, place);
@@ -107,42 +117,56 @@ impl<const D: usize> Work<D> {
         }
         for a in 0..D {
             let axis = Lines::<D>::along(a);
-            axis.map(&mut self.values, KNOTS, |v, k, s| {
-                (8.0 * v[k + s] - v[k] - v[k + 2 * s]) * (1.0 / 6.0)
+            axis.map(&mut self.values, KNOTS, |v: [f64; 3]| {
+                (8.0 * v[1] - v[0] - v[2]) * (1.0 / 6.0)
             });
         }
         let border = (0..D).any(|a| place[a] == 0 || (place[a] + 1) as usize == blocks.counts()[a]);
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
         each::<D>(KNOTS, |at| {
-            low = low.min(self.values[at]);
-            high = high.max(self.values[at]);
+            let v = self.values[at];
+            low = if v < low { v } else { low };
+            high = if v > high { v } else { high };
         });
         if low > margin || (high < -margin && !border) {
             return;
         }
         self.least.copy_from_slice(&self.values);
+        self.largest.copy_from_slice(&self.values);
         for a in 0..D {
             let axis = Lines::<D>::along(a);
-            axis.map(&mut self.least, SIDE, |v, k, s| {
-                (1..AROUND).fold(v[k], |m, q| m.min(v[k + q * s]))
+            // Numbers alone: comparisons compile to one instruction where `min` has to look for NaN.
+            axis.map(&mut self.least, SIDE, |v: [f64; AROUND]| {
+                v.into_iter()
+                    .reduce(|m, x| if x < m { x } else { m })
+                    .unwrap_or(0.0)
             });
-            axis.map(&mut self.values, SIDE, |v, k, s| {
-                (1..AROUND).fold(v[k], |m, q| m.max(v[k + q * s]))
+            axis.map(&mut self.largest, SIDE, |v: [f64; AROUND]| {
+                v.into_iter()
+                    .reduce(|m, x| if x > m { x } else { m })
+                    .unwrap_or(0.0)
             });
         }
-        each::<D>(SIDE, |at| {
-            let mut rest = at;
-            let mut cell = [0; D];
-            for a in (0..D).rev() {
-                cell[a] = place[a] as usize * SIDE + rest % SPAN;
-                rest /= SPAN;
+        // Plain loops: a closure would not be compiled for the processor at hand.
+        for i in 0..if D == 3 { SIDE } else { 1 } {
+            for row in 0..SIDE {
+                for k in 0..SIDE {
+                    let at = (i * SPAN + row) * SPAN + k;
+                    let local = [i, row, k];
+                    let cell: [usize; D] =
+                        std::array::from_fn(|a| place[a] as usize * SIDE + local[3 - D + a]);
+                    let on_border = (0..D).any(|a| cell[a] == 0 || cell[a] + 2 == shape[a]);
+                    let settled = |[low, high]: [f64; 2]| low > margin || (high < -margin && !on_border);
+                    if settled([self.least[at], self.largest[at]])
+                        || (0..D).any(|a| cell[a] + 1 >= shape[a])
+                        || settled(bernstein_bounds::<D>(&self.values[at..]))
+                    {
+                        continue;
+                    }
+                    out.push(cell.map(|x| x as u32));
+                }
             }
-            let on_border = (0..D).any(|a| cell[a] == 0 || cell[a] + 2 == shape[a]);
-            let settled = self.least[at] > margin || (self.values[at] < -margin && !on_border);
-            if !settled && (0..D).all(|a| cell[a] + 1 < shape[a]) {
-                out.push(cell.map(|x| x as u32));
-            }
-        });
+        }
     }
 
     /// Node values around a block; what lies beyond the grid is left as it is.
@@ -173,12 +197,13 @@ impl<const D: usize> Work<D> {
                     scale *= SIDE;
                     wide *= SPAN;
                 }
-                let target = &mut self.values[to..to + part[D - 1][2]];
-                match fill {
-                    Ok(base) => {
-                        target.copy_from_slice(&blocks.values()[base + from..base + from + part[D - 1][2]]);
-                    }
-                    Err(value) => target.fill(value),
+                let target = &mut self.values[to..];
+                match (fill, part[D - 1][2]) {
+                    (Err(value), length) => target[..length].fill(value),
+                    // Copies of a fixed length are cheap.
+                    (Ok(base), 2) => copy::<2>(&blocks.values()[base + from..], target),
+                    (Ok(base), 3) => copy::<3>(&blocks.values()[base + from..], target),
+                    (Ok(base), _) => copy::<SIDE>(&blocks.values()[base + from..], target),
                 }
             }
         }
@@ -226,14 +251,28 @@ impl<const D: usize> Lines<D> {
         }
     }
 
-    /// Replace the first `count` entries of each line, ascending, by a function of themselves and those after them.
-    fn map(&self, values: &mut [f64], count: usize, new: impl Fn(&[f64], usize, usize) -> f64) {
+    /// Replace the first `count` entries of each line, ascending, by a function of `N` entries from themselves on.
+    #[inline(always)]
+    fn map<const N: usize>(&self, values: &mut [f64], count: usize, new: impl Fn([f64; N]) -> f64) {
         let s = self.stride;
-        for outer in (0..values.len()).step_by(s * SPAN) {
+        for chunk in values.chunks_exact_mut(s * SPAN) {
+            if s == 1 {
+                for k in 0..count {
+                    chunk[k] = new(std::array::from_fn(|q| chunk[k + q]));
+                }
+                continue;
+            }
             for k in 0..count {
-                for inner in 0..s {
-                    let at = outer + k * s + inner;
-                    values[at] = new(values, at, s);
+                // Rows side by side, so that they are worked on several entries at once.
+                let (own, later) = chunk[k * s..(k + N) * s].split_at_mut(s);
+                for (inner, v) in own.iter_mut().enumerate() {
+                    *v = new(std::array::from_fn(|q| {
+                        if q == 0 {
+                            *v
+                        } else {
+                            later[(q - 1) * s + inner]
+                        }
+                    }));
                 }
             }
         }
@@ -241,14 +280,51 @@ impl<const D: usize> Lines<D> {
 }
 
 /// Visit the entries of a window whose places along all axes are below `count`, in C order.
+#[inline(always)]
 fn each<const D: usize>(count: usize, mut visit: impl FnMut(usize)) {
-    for mut k in 0..count.pow(D as u32) {
-        let (mut at, mut stride) = (0, 1);
-        for _ in 0..D {
-            at += k % count * stride;
-            k /= count;
-            stride *= SPAN;
+    let planes = if D == 3 { count } else { 1 };
+    for i in 0..planes {
+        for j in 0..count {
+            let row = (i * SPAN + j) * SPAN;
+            for k in 0..count {
+                visit(row + k);
+            }
         }
-        visit(at);
     }
+}
+
+#[inline(always)]
+fn copy<const N: usize>(from: &[f64], to: &mut [f64]) {
+    to[..N].copy_from_slice(&from[..N]);
+}
+
+/// Least and largest Bernstein coefficient on the cell whose first B-spline coefficient is the first of a window: bounds of
+/// the interpolant there, much tighter than those of the B-spline coefficients.
+#[inline(always)]
+fn bernstein_bounds<const D: usize>(window: &[f64]) -> [f64; 2] {
+    let mut b = [0.0; 64];
+    let planes = if D == 3 { AROUND } else { 1 };
+    for i in 0..planes {
+        for j in 0..AROUND {
+            let (from, to) = ((i * SPAN + j) * SPAN, (i * AROUND + j) * AROUND);
+            b[to..to + AROUND].copy_from_slice(&window[from..from + AROUND]);
+        }
+    }
+    for a in 0..D {
+        let s = AROUND.pow((D - 1 - a) as u32);
+        for line in 0..AROUND.pow(D as u32 - 1) {
+            let at = line / s * s * AROUND + line % s;
+            let [c0, c1, c2, c3] = [b[at], b[at + s], b[at + 2 * s], b[at + 3 * s]];
+            let (p, q) = ((2.0 * c1 + c2) * (1.0 / 3.0), (c1 + 2.0 * c2) * (1.0 / 3.0));
+            b[at] = 0.5 * ((c0 + 2.0 * c1) * (1.0 / 3.0) + p);
+            b[at + s] = p;
+            b[at + 2 * s] = q;
+            b[at + 3 * s] = 0.5 * (q + (2.0 * c2 + c3) * (1.0 / 3.0));
+        }
+    }
+    let b = &b[..AROUND.pow(D as u32)];
+    b.iter()
+        .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], &v| {
+            [if v < low { v } else { low }, if v > high { v } else { high }]
+        })
 }

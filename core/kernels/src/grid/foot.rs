@@ -3,6 +3,7 @@
 //! Nodes beside a change of sign find their foot points by Newton steps; those of the next layers start from the foot
 //! points of their neighbours, so that few steps are needed and the nearest part of the zero set is found.
 
+use multiversion::multiversion;
 use rayon::prelude::*;
 
 use super::blocks::Blocks;
@@ -16,7 +17,7 @@ const CHUNK: usize = 512;
 const STEPS: usize = 12;
 /// The last step is shorter than this, in spacings: a foot point that is off by e along the surface puts the distance off by
 /// e^2 / (2 d) only.
-const LAST_STEP: f64 = 1e-3;
+const LAST_STEP: f64 = 5e-3;
 /// Rounds in which nodes look whether a neighbour knows a nearer part.
 const ROUNDS: usize = 8;
 /// No foot point yet.
@@ -38,13 +39,11 @@ struct Seed<const D: usize> {
     foot: [f64; D],
 }
 
-/// Foot points of all nodes up to `limit` away. `fields` has values and gradients at the nodes near the zero set, numbered by
-/// `region.near`.
+/// Foot points of all nodes up to `limit` away; `values` are the interpolant's at the nodes `region.near`.
 pub fn feet<const D: usize>(
     source: &Blocks<D>,
     region: &Region<'_, D>,
     values: &[f64],
-    gradients: &[[f64; D]],
     limit: f64,
 ) -> Feet<D> {
     let mut feet = Feet {
@@ -58,14 +57,8 @@ pub fn feet<const D: usize>(
         .par_chunks(CHUNK)
         .enumerate()
         .flat_map_iter(|(c, nodes)| {
-            let mut field = Interpolant::new(source, &region.spacing);
             let mut out = Vec::new();
-            for (k, &node) in nodes.iter().enumerate() {
-                let k = c * CHUNK + k;
-                if let Some(foot) = first(&mut field, region, values, node, values[k], &gradients[k]) {
-                    out.push(Seed { node, foot });
-                }
-            }
+            begin(source, region, values, (c * CHUNK, nodes), &mut out);
             out
         })
         .collect();
@@ -94,7 +87,7 @@ pub fn feet<const D: usize>(
         for &node in &next {
             feet.of_node[node] = NONE;
         }
-        found = improve(source, region, &feet, &next);
+        found = improve(source, region, &feet, &next, limit);
     }
     for _ in 0..ROUNDS {
         let better: Vec<usize> = feet
@@ -110,7 +103,7 @@ pub fn feet<const D: usize>(
         if better.is_empty() {
             break;
         }
-        for seed in improve(source, region, &feet, &better) {
+        for seed in improve(source, region, &feet, &better, limit) {
             let k = feet.of_node[seed.node] as usize;
             feet.distances[k] = distance(&region.place(seed.node), &seed.foot);
             feet.places[k] = seed.foot;
@@ -125,26 +118,60 @@ fn improve<const D: usize>(
     region: &Region<'_, D>,
     feet: &Feet<D>,
     nodes: &[usize],
+    limit: f64,
 ) -> Vec<Seed<D>> {
     nodes
         .par_chunks(CHUNK)
         .flat_map_iter(|nodes| {
-            let mut field = Interpolant::new(source, &region.spacing);
             let mut out = Vec::new();
-            for &node in nodes {
-                let Some((start, bound)) = best(region, feet, node) else {
-                    continue;
-                };
-                let p = region.place(node);
-                let foot = settle(&mut field, region, &p, &start)
-                    .filter(|foot| distance(&p, foot) <= bound)
-                    // Where steps do not settle, at a ridge of the distance, the neighbour's foot point is on the zero set.
-                    .unwrap_or(start);
-                out.push(Seed { node, foot });
-            }
+            proceed(source, region, feet, nodes, limit, &mut out);
             out
         })
         .collect()
+}
+
+#[multiversion(targets("x86_64+avx+avx2"))]
+fn begin<const D: usize>(
+    source: &Blocks<D>,
+    region: &Region<'_, D>,
+    values: &[f64],
+    (number, nodes): (usize, &[usize]),
+    out: &mut Vec<Seed<D>>,
+) {
+    let mut field = Interpolant::new(source, &region.spacing);
+    for (k, &node) in nodes.iter().enumerate() {
+        if let Some(foot) = first(&mut field, region, values, node, values[number + k]) {
+            out.push(Seed { node, foot });
+        }
+    }
+}
+
+#[multiversion(targets("x86_64+avx+avx2"))]
+fn proceed<const D: usize>(
+    source: &Blocks<D>,
+    region: &Region<'_, D>,
+    feet: &Feet<D>,
+    nodes: &[usize],
+    limit: f64,
+    out: &mut Vec<Seed<D>>,
+) {
+    let mut field = Interpolant::new(source, &region.spacing);
+    for &node in nodes {
+        let Some((start, bound)) = best(region, feet, node) else {
+            continue;
+        };
+        let p = region.place(node);
+        // The neighbour's foot point is not the nearest, but nearly: these nodes end the layers.
+        if bound > limit + 0.5 * region.widest {
+            out.push(Seed { node, foot: start });
+            continue;
+        }
+        let foot = settle(&mut field, region, &p, &start)
+            .filter(|foot| distance(&p, foot) <= bound)
+            // Where steps do not settle, at a ridge of the distance, the neighbour's foot point is on the zero set.
+            .unwrap_or(start);
+        out.push(Seed { node, foot });
+    }
 }
 
 /// The nearest foot point of the neighbours, and its distance.
@@ -163,13 +190,13 @@ fn best<const D: usize>(region: &Region<'_, D>, feet: &Feet<D>, node: usize) -> 
 }
 
 /// The foot point of a node beside a change of sign; `None` for other nodes.
+#[inline(always)]
 fn first<const D: usize>(
     field: &mut Interpolant<'_, D>,
     region: &Region<'_, D>,
     values: &[f64],
     node: usize,
     f: f64,
-    gradient: &[f64; D],
 ) -> Option<[f64; D]> {
     let p = region.place(node);
     let mut nearest = f64::INFINITY;
@@ -199,6 +226,7 @@ fn first<const D: usize>(
     if !nearest.is_finite() {
         return None;
     }
+    let gradient = field.jet(&p).gradient;
     let square: f64 = gradient.iter().map(|g| g * g).sum();
     let newton: [f64; D] = std::array::from_fn(|a| p[a] - f * gradient[a] / square);
     // No crossing is nearer than the nearest point; they are linear guesses, though.
@@ -220,7 +248,7 @@ fn first<const D: usize>(
 }
 
 /// The foot point of `p` by steps from `start`: the nearest point of the tangent plane, again and again.
-#[inline]
+#[inline(always)]
 fn settle<const D: usize>(
     field: &mut Interpolant<'_, D>,
     region: &Region<'_, D>,

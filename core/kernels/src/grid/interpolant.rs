@@ -30,7 +30,10 @@ pub struct Interpolant<'a, const D: usize> {
     inverse: [f64; D],
     /// First node of the window, which stays for the next point.
     start: [usize; D],
-    window: [f64; VOLUME],
+    /// With room for what the last row writes too much.
+    window: [f64; VOLUME + WIDTH],
+    /// Blocks that are not stored: outside and inside.
+    constants: [Vec<f64>; 2],
 }
 
 /// Refuse spacings that are no lengths.
@@ -50,7 +53,8 @@ impl<'a, const D: usize> Interpolant<'a, D> {
             blocks,
             inverse: spacing.map(|h| 1.0 / h),
             start: [usize::MAX; D],
-            window: [0.0; VOLUME],
+            window: [0.0; VOLUME + WIDTH],
+            constants: [blocks.far(), -blocks.far()].map(|v| vec![v; Blocks::<D>::VOLUME]),
         }
     }
 
@@ -78,56 +82,58 @@ impl<'a, const D: usize> Interpolant<'a, D> {
     }
 
     /// Copy the window that starts at a node; it touches two blocks an axis at most.
+    #[inline(always)]
     fn gather(&mut self, start: &[usize; D]) {
         let first = start.map(|s| s / SIDE);
         // Nodes of the window in the first block along each axis.
         let split: [usize; D] = std::array::from_fn(|a| (SIDE - start[a] % SIDE).min(WIDTH));
-        for corner in 0..1_usize << D {
-            let upper: [usize; D] = std::array::from_fn(|a| corner >> a & 1);
-            if (0..D).any(|a| upper[a] == 1 && split[a] == WIDTH) {
-                continue;
+        let values = self.blocks.values();
+        let mut sources: [&[f64]; 8] = [&self.constants[0]; 8];
+        for (corner, source) in sources.iter_mut().enumerate().take(1 << D) {
+            let upper: [usize; D] = std::array::from_fn(|a| corner >> (D - 1 - a) & 1);
+            if (0..D).all(|a| upper[a] == 0 || split[a] < WIDTH) {
+                let place = std::array::from_fn(|a| (first[a] + upper[a]) as i64);
+                *source = match self.blocks.block(place) {
+                    Neighbor::Slot(slot) => &values[slot as usize * Blocks::<D>::VOLUME..],
+                    // Narrow grids end within a block, whose further nodes repeat the last: no border is met here.
+                    Neighbor::Outside | Neighbor::Border => &self.constants[0],
+                    Neighbor::Inside => &self.constants[1],
+                };
             }
-            let place = std::array::from_fn(|a| (first[a] + upper[a]) as i64);
-            let from: [usize; D] = std::array::from_fn(|a| upper[a] * split[a]);
-            let to: [usize; D] = std::array::from_fn(|a| if upper[a] == 1 { WIDTH } else { split[a] });
-            let local: [usize; D] = std::array::from_fn(|a| if upper[a] == 1 { 0 } else { start[a] % SIDE });
-            let source = match self.blocks.block(place) {
-                Neighbor::Slot(slot) => Ok(slot as usize * Blocks::<D>::VOLUME),
-                Neighbor::Inside => Err(-self.blocks.far()),
-                // Narrow grids end within a block, whose further nodes repeat the last: no border is met here.
-                Neighbor::Outside | Neighbor::Border => Err(self.blocks.far()),
-            };
-            self.copy(source, &from, &to, &local);
         }
-    }
-
-    /// Fill the part of the window from `from` to `to`, with a block's values from its node `local` on or with a constant.
-    #[inline(always)]
-    fn copy(
-        &mut self,
-        source: std::result::Result<usize, f64>,
-        from: &[usize; D],
-        to: &[usize; D],
-        local: &[usize; D],
-    ) {
-        let planes = if D == 3 { from[0]..to[0] } else { 0..1 };
         let (r, c) = (D - 2, D - 1);
-        for i in planes {
-            for j in from[r]..to[r] {
-                let row = i * PLANE + j * WIDTH;
-                let target = &mut self.window[row + from[c]..row + to[c]];
-                match source {
-                    Ok(base) => {
-                        let plane = if D == 3 { local[0] + i - from[0] } else { 0 };
-                        let at = base + (plane * SIDE + local[r] + j - from[r]) * SIDE + local[c];
-                        let length = target.len();
-                        target.copy_from_slice(&self.blocks.values()[at..at + length]);
+        let (local, cut) = (start[c] % SIDE, split[c]);
+        let planes = if D == 3 { WIDTH } else { 1 };
+        for i in 0..planes {
+            let (mut half, mut plane) = (0, 0);
+            if D == 3 {
+                half = 4 * usize::from(i >= split[0]);
+                plane = (start[0] + i) % SIDE * SIDE;
+            }
+            for (upper, range) in [(0, 0..split[r]), (1, split[r]..WIDTH)] {
+                let [low, high] = [sources[half + 2 * upper], sources[half + 2 * upper + 1]];
+                for j in range {
+                    // Whole rows of six from both blocks: copies of a fixed length are cheap. What the second one writes too
+                    // much, the next row writes over.
+                    let row = (plane + (start[r] + j) % SIDE) * SIDE;
+                    let at = (i * WIDTH + j) * WIDTH;
+                    self.window[at..at + WIDTH].copy_from_slice(&six(low, row + local));
+                    if cut < WIDTH {
+                        self.window[at + cut..at + cut + WIDTH].copy_from_slice(&six(high, row));
                     }
-                    Err(value) => target.fill(value),
                 }
             }
         }
     }
+}
+
+/// Six values from an offset on; what lies beyond the last block is of no account.
+#[inline(always)]
+fn six(values: &[f64], offset: usize) -> [f64; WIDTH] {
+    let from = &values[offset..];
+    from.first_chunk()
+        .copied()
+        .unwrap_or_else(|| std::array::from_fn(|k| from.get(k).copied().unwrap_or(0.0)))
 }
 
 impl<const D: usize> Field<D> for Interpolant<'_, D> {
@@ -205,10 +211,10 @@ fn fold<const ORDER: usize>(cell: usize, n: usize, out: &mut Weights) -> usize {
 
 /// Sums of the window's values with the products of the axes' weights: along the first axis first, whose lanes are long.
 #[inline(always)]
-fn contract<const D: usize, const ORDER: usize>(window: &[f64; VOLUME], weights: &[Weights; D]) -> Jet<D> {
+fn contract<const D: usize, const ORDER: usize>(window: &[f64], weights: &[Weights; D]) -> Jet<D> {
     let mut planes = [[0.0; PLANE]; 3];
     if D == 3 {
-        for (i, plane) in window.chunks_exact(PLANE).enumerate() {
+        for (i, plane) in window[..VOLUME].chunks_exact(PLANE).enumerate() {
             for p in 0..=ORDER {
                 let w = weights[0][p][i];
                 for (sum, v) in planes[p].iter_mut().zip(plane) {

@@ -6,9 +6,14 @@ mod foot;
 pub mod interpolant;
 pub mod loops;
 mod march;
+pub mod nodes;
 pub mod redistance;
 mod region;
+pub mod scan;
 pub mod surface;
+pub mod triangle;
+pub mod windings;
 
 pub use blocks::{Blocks, Neighbor};
 pub use interpolant::Interpolant;
+pub use nodes::Nodes;

@@ -37,9 +37,9 @@ pub fn redistance<const D: usize>(source: &Blocks<D>, spacing: &[f64; D], band: 
         .iter()
         .map(|&k| region.node(k).map(|x| x as f64))
         .collect();
-    let field = evaluate(source, spacing, &indices, 1)?;
+    let values = evaluate(source, spacing, &indices, 0)?.values;
     let limit = band.min(REACH * region.widest);
-    let found = feet(source, &region, &field.values, &field.gradients, limit);
+    let found = feet(source, &region, &values, limit);
     let mut distances = vec![f64::INFINITY; region.len()];
     for (d, &k) in distances.iter_mut().zip(&found.of_node) {
         // Nodes a little further off came with others, but not all of them.
@@ -62,8 +62,7 @@ pub fn redistance<const D: usize>(source: &Blocks<D>, spacing: &[f64; D], band: 
         .with_min_len(4096)
         .map(|(k, &d)| {
             let node = region.node(k);
-            let f = field
-                .values
+            let f = values
                 .get(number[k] as usize)
                 .copied()
                 .unwrap_or_else(|| source.at(node.map(|x| x as i64)));

@@ -1,0 +1,146 @@
+"""Segmentation on a grid: the problems of the T-spline, run by the sparse field on the image's own pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from segment.carving import carved
+from segment.edge_targets import Targets, edge_targets
+from segment.edges import EdgeField, detect_edges
+from segment.frame import ImageFrame
+from segment.image_data import ImageData
+from segment.problem import enclosure, image_problem, refinement, refinement_problem
+from segment.pyramid import PyramidLevel, pyramid
+from segment.raster import mask_field
+from segment.start import Start, chamber_start
+from tspline.grid import Grid, GridField
+from tspline.sparse_field import GridRun, MarchStep
+from tspline.speed import AttractionSpeed, Problem
+
+__all__ = ["GridSegmentation"]
+
+FloatArray = NDArray[np.float64]
+
+#: Spacing of the grid on which a circle or box shrinks, in pixels of the coarsest level: edges are a few pixels thick.
+SHRINK_SPACING = 2
+#: What the T-spline's cells are then, in those pixels.
+EVOLVE_CELL = 6.0
+#: Time step of the refinement at most: residuals fall at a rate of about 1.
+TIME_STEP = 0.3
+
+
+class GridSegmentation:
+    """One segmentation on its way; index coordinates of the full image.
+
+    Parameters
+    ----------
+    data : ImageData
+        The image.
+    start : Start
+        How to begin.
+    callback : callable, optional
+        Gets a `MarchStep` after each step; returning True ends the run.
+
+    Attributes
+    ----------
+    field : GridField
+        The level set now.
+    status : int
+        See `SegmentResult`.
+    uncertainty : tuple of (points (k, 2), values (k,)) or None
+        Of the last edge points.
+    """
+
+    def __init__(self, data: ImageData, start: Start, callback: Callable[[MarchStep], object] | None = None) -> None:
+        self.levels: list[PyramidLevel] = pyramid(data)
+        self.start = start
+        self.frame = ImageFrame.around(data.shape, self.levels[-1].scale, circle=start.kind == "circle")
+        self.run = GridRun(callback)
+        self.warnings: list[str] = []
+        self.status = 0
+        self.uncertainty: tuple[FloatArray, FloatArray] | None = None
+        self.field: GridField
+
+    def begin(self) -> None:
+        """The topology, on the coarsest level."""
+        level = self.levels[-1]
+        edges = detect_edges(level, None)
+        if self.start.kind in ("circle", "box"):
+            self._evolve(edges)
+        else:
+            inside = chamber_start(edges, self.start)
+            self.status = 0 if inside.any() else 2
+            self.field = self._gridded(mask_field(inside, level.scale), level.scale)
+        if self.status != 3 and self.run.tell(self.field, "evolve"):
+            self.status = 3
+
+    def _evolve(self, edges: EdgeField) -> None:
+        """A circle or box shrinks onto the edges (4.6); inner boundaries come from the chamber rule."""
+        level = self.levels[-1]
+        begin = enclosure(self.start.kind, self.frame, level.scale)
+        problem = image_problem(edges, begin, self.frame, EVOLVE_CELL * level.scale)
+        self.field = self._gridded(begin, SHRINK_SPACING * level.scale)
+        if self.run.tell(self.field, "evolve"):
+            self.status = 3
+            return
+        self.field, self.status = self.run.solve(problem, self.field)
+        if self.status in (2, 3):
+            return
+        inside = carved(self.field.to_polylines(), edges, self.start, level)
+        if inside is None:
+            self.field = self.field.rescaled(self._grid(level.scale))
+        else:
+            self.field = self._gridded(mask_field(inside, level.scale), level.scale)
+
+    def polish(self) -> None:
+        """The place, from the coarsest level to the full image."""
+        for k, level in enumerate(reversed(self.levels)):
+            if self.status in (2, 3):
+                return
+            if k:
+                self.field = self.field.rescaled(self._grid(level.scale))
+            # As on T-meshes: two searches where nothing finer follows, each with half the reach.
+            reach = 4.0 if k == 0 else 2.5
+            for turn in range(2 if level.index == 0 else 1):
+                targets = self._targets(level, max(reach / 2**turn, 1.5))
+                if targets is None:
+                    self.status = 2
+                    return
+                self.uncertainty = (targets.points, targets.uncertainty)
+                if not targets.found.any() or not self._refine(level, targets):
+                    break
+
+    def _refine(self, level: PyramidLevel, targets: Targets) -> bool:
+        """Move to the targets; whether to go on. What would change the topology is taken back."""
+        problem = refinement_problem(refinement(level, targets), self.field, self.frame, level.scale)
+        now, status = self.run.solve(problem, self.field, unit=TIME_STEP, phase="polish")
+        if status == 3:
+            self.field, self.status = now, 3
+        elif status == 2 or len(now.to_polylines()) != len(self.field.to_polylines()):
+            self.warnings.append(f"a refinement (level {level.index}) would change the topology and was left out")
+            return False
+        self.field = now
+        return status != 3
+
+    def _targets(self, level: PyramidLevel, reach: float) -> Targets | None:
+        lines = self.field.to_polylines()
+        if not lines:
+            return None
+        here = np.vstack(lines)
+        ahead = np.vstack([np.roll(line, -1, axis=0) for line in lines])
+        at = 0.5 * (here + ahead)
+        shares = np.linalg.norm(ahead - here, axis=1)
+        return edge_targets(self.field, level, reach, at, self.field.normals(at), shares, self.frame.shape)
+
+    def _grid(self, scale: int) -> Grid:
+        """Nodes at the centres of pixels of side `scale`, over the whole frame."""
+        low, high = ((self.frame.bounds + 0.5) / scale - 0.5).tolist()
+        first, last = np.floor(low).astype(np.int64), np.ceil(high).astype(np.int64)
+        return Grid((last - first + 1).tolist(), float(scale), (first + 0.5) * scale - 0.5)
+
+    def _gridded(self, begin: Callable[[FloatArray], FloatArray], scale: int) -> GridField:
+        none = AttractionSpeed(np.zeros((1, 2)), reach=1.0)
+        return GridRun.begun(Problem(none, begin, self.frame.bounds, float(scale)), self._grid(scale))

@@ -1,0 +1,104 @@
+"""Problems solved on grids, one after another: what `Evolution` and `Polish` are to T-splines."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+from tspline.grid import Grid, GridField
+from tspline.sparse_field.front import SparseField, SparseFieldOptions
+from tspline.sparse_field.marching import MarchRecord, MarchStep
+from tspline.speed import Problem, StoppingRule
+
+__all__ = ["GridRun"]
+
+#: Width of the band of values, in spacings.
+BAND = 8.0
+#: Steps on a grid for one of a T-spline, whose steps no stability binds.
+STEPS = 20
+
+
+@dataclass
+class GridRun:
+    """A run over several problems and grids, with one count of steps.
+
+    Attributes
+    ----------
+    callback : callable, optional
+        Gets a `MarchStep` after each step; returning True ends the run.
+    history : list of MarchRecord
+        One record a step, numbered through.
+    stopped : bool
+        Whether the callback ended the run.
+    """
+
+    callback: Callable[[MarchStep], object] | None = None
+    history: list[MarchRecord] = field(default_factory=list)
+    stopped: bool = False
+
+    @staticmethod
+    def begun(problem: Problem, grid: Grid) -> GridField:
+        """The problem's start on a grid: the signed distance from its zero set, in a band."""
+        band = BAND * float(grid.spacing.max())
+        if isinstance(problem.initial, GridField):
+            return problem.initial.rescaled(grid, band=band)
+        return GridField.from_function(grid, problem.initial, band=band).redistanced()
+
+    def solve(
+        self, problem: Problem, start: Grid | GridField, *, unit: float = 1.0, phase: str = "evolve"
+    ) -> tuple[GridField, int]:
+        """Move the start until it rests.
+
+        Parameters
+        ----------
+        problem : Problem
+            Speed and stopping rule; the start too, where `start` is a grid.
+        start : Grid or GridField
+            Where to solve it, or what to go on from.
+        unit : float
+            Longest time step. The zero set is at rest when it would move by less than the rule's tolerance, in
+            `problem.spacing`, in this time: a grid's own steps may be far shorter.
+        phase : str
+            What the callback is told.
+
+        Returns
+        -------
+        field : GridField
+            The signed distance from the zero set at the end, in a band.
+        status : int
+            0 converged, 1 step limit, 2 the zero set vanished, 3 stopped by the callback.
+        """
+        before = self.begun(problem, start) if isinstance(start, Grid) else start
+        rule = problem.stopping
+        solver = SparseField(
+            before,
+            problem.speed,
+            SparseFieldOptions(max_time_step=unit),
+            StoppingRule(max_time=rule.max_time),
+        )
+        status = self._steps(solver, problem, unit, phase)
+        return solver.field.redistanced(before.band), status
+
+    def _steps(self, solver: SparseField, problem: Problem, unit: float, phase: str) -> int:
+        rule, calm = problem.stopping, 0
+        first = len(self.history)
+        for _ in range(STEPS * rule.max_steps):
+            record = solver.step()
+            if record is None:
+                return 2
+            self.history.append(replace(record, nit=first + record.nit))
+            if self.tell(solver, phase, record.travel):
+                return 3
+            slow = record.rms_travel * unit < rule.tolerance * problem.spacing * record.time_step
+            calm = calm + 1 if slow else 0
+            if calm >= rule.patience or solver.time >= rule.max_time * (1 - 1e-12):
+                return 0
+        return 1
+
+    def tell(self, now: SparseField | GridField, phase: str, travel: float = 0.0) -> bool:
+        """Tell the callback of the field; whether the run ends."""
+        if self.callback is not None and not self.stopped:
+            shown = now.field if isinstance(now, SparseField) else now
+            told = MarchStep(len(self.history), phase, shown, travel, shown.num_coefficients)
+            self.stopped = self.callback(told) is True
+        return self.stopped

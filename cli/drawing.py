@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from cli.arguments import UsageError
 from cli.outputs import OutputKind, Target
 
 if TYPE_CHECKING:
@@ -18,6 +20,7 @@ __all__ = [
     "MODEL",
     "callbacks",
     "need_recorder",
+    "refuse_animation",
     "write_drawings",
     "write_model",
 ]
@@ -35,6 +38,12 @@ def need_recorder(targets: Mapping[str, Target]) -> Recorder | None:
     from tspline.figure import Recorder
 
     return Recorder()
+
+
+def refuse_animation(options: argparse.Namespace) -> None:
+    """Refuse an animation of the grid solver; its figures show the result alone, as a T-spline."""
+    if options.solver == "grid" and options.animation:
+        raise UsageError("--animation shows the steps of T-splines, found --solver grid; accepted is --solver tspline")
 
 
 def callbacks(*given: Callable[[Any], Any] | None) -> Callable[[Any], bool] | None:

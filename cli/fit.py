@@ -15,6 +15,7 @@ from cli.drawing import (
     MODEL,
     callbacks,
     need_recorder,
+    refuse_animation,
     write_drawings,
     write_model,
 )
@@ -52,7 +53,7 @@ def build_parser() -> CommandParser:
     parser.add_argument("inputs", nargs="*", metavar="POINTS", help="files of points")
     results = parser.add_argument_group("results")
     results.add_argument("--mesh", metavar="M.ply", help="3D: closed triangles (.ply .stl .obj .glb .3mf)")
-    results.add_argument("--model", metavar="S.tsp.npz", help="the T-spline, for tspline.load")
+    results.add_argument("--model", metavar="S.tsp.npz", help="the T-spline, or the grid's field, for tspline.load")
     results.add_argument("--figure", metavar="F.png", help="points, T-mesh and result (.png .pdf .svg)")
     results.add_argument("--animation", metavar="A.gif", help="2D: the evolution (.gif)")
     results.add_argument("--contour", metavar="C.svg", help="2D: closed curves (.svg .dxf .geojson)")
@@ -61,6 +62,7 @@ def build_parser() -> CommandParser:
     solver.add_argument("--depth", type=depth, metavar="N", help="finest T-mesh: 2^N cells along the domain")
     solver.add_argument("--tolerance", type=positive, metavar="T", help="residual to reach, in the points' unit")
     solver.add_argument("--gap", type=positive, metavar="G", help="widest gap between neighbours, in that unit")
+    solver.add_argument("--solver", choices=("tspline", "grid"), default="tspline", help="which field is evolved")
     add_common_options(parser)
     return parser
 
@@ -69,6 +71,7 @@ def run(options: argparse.Namespace) -> int:
     """Fit the files of points; gives the exit status."""
     if not options.inputs:
         raise UsageError("found no POINTS; accepted is at least one file of points, or - for standard input")
+    refuse_animation(options)
     inputs = expand(options.inputs)
     plan = plan_outputs(
         inputs,
@@ -109,25 +112,26 @@ def _fit(item: Input, targets: Mapping[str, Target], options: argparse.Namespace
             max_depth=options.depth,
             gap=options.gap,
             init=options.init,
-            callback=callbacks(show, recorder),
+            solver=options.solver,
+            callback=callbacks(show, recorder if options.solver == "tspline" else None),
         )
     finally:
         finish()
     warnings += [*(scan.notes if is_surface else ()), *(str(warning) for warning in result.warnings)]
     for warning in warnings:
         reporter.warn(f"{item.label}: {warning}")
-    write_model(targets, result.spline)
+    write_model(targets, result.field)
     title = f"{item.name}: {len(points):,} points"
     if is_surface:
         surface = SurfaceResult.of(result, targets)
         surface.write(targets, points, title)
         return _outcome(item, points.shape, result, warnings, surface.values(targets))
-    _write_contour(targets, result.spline)
+    _write_contour(targets, result.field)
     write_drawings(
         targets,
         lambda snapshots: _scene(points, snapshots),
         recorder,
-        result.spline,
+        None if recorder is None else result.spline,
         title=title,
         detail=f"rms residual {result.rms_residual:.3g}",
     )
@@ -164,7 +168,7 @@ def _outcome(
 ) -> Outcome:
     values = {
         "dim": shape[1],
-        "num_coefficients": int(result.spline.num_coefficients),
+        "num_coefficients": int(result.field.num_coefficients),
         "components": int(result.num_components),
         "nit": int(result.nit),
         "rms_residual": float(result.rms_residual),
@@ -177,7 +181,7 @@ def _outcome(
     genus = values.get("genus")
     ended = "" if result.success else f"; {result.message}"
     summary = (
-        f"{item.label}: {parts}{'' if genus is None else f', genus {genus}'}, {result.spline.num_coefficients:,} "
+        f"{item.label}: {parts}{'' if genus is None else f', genus {genus}'}, {result.field.num_coefficients:,} "
         f"coefficients, residual rms {result.rms_residual:.3g}, largest {result.max_residual:.3g}{ended}"
     )
     return Outcome(DONE if result.success else NOT_CONVERGED, str(result.message), values, summary)

@@ -18,6 +18,7 @@ from cli.drawing import (
     MODEL,
     callbacks,
     need_recorder,
+    refuse_animation,
     write_drawings,
     write_model,
 )
@@ -60,7 +61,7 @@ def build_parser() -> CommandParser:
     results.add_argument("--mask", metavar="M.png", help="255 inside, 0 outside (.png .tif .bmp .npy)")
     results.add_argument("--labels", metavar="L.tif", help="numbers of connected objects (.tif .png .npy)")
     results.add_argument("--contour", metavar="C.svg", help="closed curves (.svg .dxf .geojson)")
-    results.add_argument("--model", metavar="S.tsp.npz", help="the T-spline, for tspline.load")
+    results.add_argument("--model", metavar="S.tsp.npz", help="the T-spline, or the grid's field, for tspline.load")
     results.add_argument("--figure", metavar="F.png", help="image, T-mesh, evolution and result (.png .pdf .svg)")
     results.add_argument("--animation", metavar="A.gif", help="the evolution (.gif)")
     start = parser.add_argument_group("start")
@@ -71,7 +72,7 @@ def build_parser() -> CommandParser:
     solver = parser.add_argument_group("solver")
     solver.add_argument("--model-kind", choices=("edges", "auto"), default="auto", help="what bounds an object")
     solver.add_argument("--depth", type=depth, metavar="N", help="finest T-mesh: 2^N cells along the image")
-    solver.add_argument("--solver", choices=("tspline",), default="tspline", help="which field is evolved")
+    solver.add_argument("--solver", choices=("tspline", "grid"), default="tspline", help="which field is evolved")
     add_common_options(parser)
     return parser
 
@@ -81,6 +82,7 @@ def run(options: argparse.Namespace) -> int:
     names, seeds = _part_seeds(list(options.inputs), list(options.seeds or []))
     if not names:
         raise UsageError("found no IMAGE; accepted is at least one image file, or - for standard input")
+    refuse_animation(options)
     inputs = expand(names)
     plan = plan_outputs(
         inputs,
@@ -123,7 +125,7 @@ def _segment(
             seeds=seeds or None,
             max_depth=options.depth,
             solver=options.solver,
-            callback=callbacks(show, recorder),
+            callback=callbacks(show, recorder if options.solver == "tspline" else None),
         )
     finally:
         finish()
@@ -131,9 +133,8 @@ def _segment(
         reporter.warn(f"{item.label}: {warning}")
     _write(targets, image, result)
     rows, cols = image.shape[:2]
-    write_drawings(
-        targets, lambda _: _scene(image), recorder, result.spline, title=f"{item.name}: {rows} × {cols} pixels"
-    )
+    drawn = None if recorder is None else result.spline
+    write_drawings(targets, lambda _: _scene(image), recorder, drawn, title=f"{item.name}: {rows} × {cols} pixels")
     return _outcome(item, image, result)
 
 
@@ -168,7 +169,7 @@ def _write(targets: Mapping[str, Target], image: npt.NDArray[np.generic], result
         frame = ContourFrame.of_image(image.shape)
         with targets["contour"].open() as path:
             write_contours(path, result.contours, frame, border=result.contour_flags, ending=targets["contour"].ending)
-    write_model(targets, result.spline)
+    write_model(targets, result.field)
 
 
 def _scene(image: npt.NDArray[np.generic]) -> Any:
@@ -179,7 +180,7 @@ def _scene(image: npt.NDArray[np.generic]) -> Any:
 
 def _outcome(item: Input, image: npt.NDArray[np.generic], result: Any) -> Outcome:
     values = {
-        "num_coefficients": int(result.spline.num_coefficients),
+        "num_coefficients": int(result.field.num_coefficients),
         "components": int(result.num_components),
         "nit": int(result.nit),
         "shape": [int(extent) for extent in image.shape[:2]],
@@ -187,7 +188,7 @@ def _outcome(item: Input, image: npt.NDArray[np.generic], result: Any) -> Outcom
     }
     objects = "1 object" if result.num_components == 1 else f"{result.num_components} objects"
     ended = "" if result.success else f"; {result.message}"
-    summary = f"{item.label}: {objects}, {result.spline.num_coefficients:,} coefficients{ended}"
+    summary = f"{item.label}: {objects}, {result.field.num_coefficients:,} coefficients{ended}"
     return Outcome(DONE if result.success else NOT_CONVERGED, str(result.message), values, summary)
 
 

@@ -33,7 +33,7 @@ class SurfaceResult:
     def of(cls, fit: Any, targets: Mapping[str, Target]) -> SurfaceResult:
         """Make the mesh if one of the targets needs it."""
         needed = fit.num_components > 0 and ("mesh" in targets or "figure" in targets)
-        mesh = fit.spline.to_mesh() if needed else None
+        mesh = fit.field.to_mesh() if needed else None
         return cls(fit, mesh if mesh is not None and len(mesh.faces) else None)
 
     @property
@@ -71,7 +71,7 @@ class SurfaceResult:
         while drawn is not None and len(drawn.faces) < FEW_TRIANGLES:
             drawn = drawn.subdivide()
             vertices = drawn.vertices.copy()
-            feet, reached = self.fit.spline.project(vertices)
+            feet, reached = self.fit.field.project(vertices)
             # caps where the box cuts the shape are not on the zero set, and stay
             moved = reached & (((feet - vertices) ** 2).sum(axis=1) < drawn.area / len(drawn.faces))
             vertices[moved] = feet[moved]

@@ -436,7 +436,7 @@ def test_unusable_points_are_refused(points: Any, found: str) -> None:
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("init", "square"), ("init", 3), ("init", None), ("solver", "grid"), ("solver", "magic"), ("solver", None),
+        ("init", "square"), ("init", 3), ("init", None), ("solver", "magic"), ("solver", None),
         ("tolerance", 0.0), ("tolerance", -1.0), ("tolerance", np.nan), ("tolerance", np.inf), ("tolerance", "small"),
         ("gap", 0.0), ("gap", -2.0), ("gap", np.nan), ("gap", [1.0, 2.0]), ("max_depth", 1), ("max_depth", 15),
         ("max_depth", 4.5), ("max_depth", "deep"), ("max_depth", True), ("parametric", True),

@@ -13,8 +13,10 @@ from tspline.spline import TSpline
 
 __all__ = ["spline_of"]
 
-#: Side of the cells at the zero set, in spacings: what a grid holds well, cubic B-splines on such cells follow.
-CELL = 2.0
+#: Side of the cells at the zero set, in spacings; in space twice that, as there would be too many of them.
+CELL = {2: 1.0, 3: 2.0}
+#: Width of the band of distances in the plane, in spacings: a kink at its end disturbs what large cells there hold.
+WIDE = 64.0
 #: Least level of a cell, and the deepest one.
 BASE, DEEPEST = 3, 14
 #: Corrections of the interpolation in space.
@@ -33,11 +35,13 @@ def spline_of(field: GridField) -> TSpline:
     field : GridField
         About a distance near its zero set.
     """
+    if field.dim == 2:
+        field = field.redistanced(max(WIDE * float(field.spacing.max()), field.band))
     low, high = field.bounds
     side, middle = float(np.max(high - low)), 0.5 * (low + high)
     bounds = np.array([middle - 0.5 * side, middle + 0.5 * side])
     at = np.clip(field.from_box(field.zero_set()), *bounds)
-    level = int(np.clip(np.ceil(np.log2(side / (CELL * float(field.spacing.max()))) - 1e-9), BASE, DEEPEST))
+    level = int(np.clip(np.ceil(np.log2(side / (CELL[field.dim] * float(field.spacing.max()))) - 1e-9), BASE, DEEPEST))
     mesh = TMesh.from_points(bounds, at, level, pad=1, base=BASE) if len(at) else TMesh.uniform(bounds, BASE)
 
     def values(points: Floats) -> Floats:

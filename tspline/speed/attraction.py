@@ -17,9 +17,10 @@ __all__ = ["AttractionSpeed"]
 TARGETS = 8
 #: Samples over which curvature is averaged at once.
 SAMPLES = {2: 9, 3: 13}
-#: Width of the mean curvature that stays, in smoothing lengths: detail of one smoothing length then is held by the data
-#: and by smoothing alike.
-WIDTH = 1.25
+#: Weight of smoothing in squares of the smoothing length, and width of the mean curvature that stays in such lengths:
+#: about as smooth as the fairness of T-splines leaves noisy curves. More tears tips off their data.
+STIFFNESS = 0.5
+WIDTH = 1.5
 #: A target weighs this many times the mean at most, as the pull's rate bounds the time step.
 HEAVIEST = 3.0
 #: Passes of the average at most.
@@ -27,7 +28,7 @@ PASSES = 40
 
 
 class AttractionSpeed:
-    """v = sum w_k r_k / sum 1 over the targets p_k nearest to a sample, less l^2 (kappa - mean kappa).
+    """v = sum w_k r_k / sum 1 over the targets p_k nearest to a sample, less l^2 / 2 (kappa - mean kappa).
 
     r_k = (p_k - x_k) . n_k is the residual of a target, measured at its own foot x_k on the zero set: (4.10), with the
     sign of (4.11) put right. T-splines solve the same problem by the Gauss-Newton steps of `tspline.evolve.Polish`,
@@ -98,7 +99,7 @@ class AttractionSpeed:
         pull = self._pull(samples, residuals, samples.normals[foot])
         if self.smoothing_length == 0:
             return SpeedTerms(pull)
-        weight = self.smoothing_length**2
+        weight = STIFFNESS * self.smoothing_length**2
         mean = _averaged(tree, samples, samples.curvatures, WIDTH * self.smoothing_length)
         return SpeedTerms(pull + weight * mean, smoothing=np.full(len(samples), weight))
 

@@ -45,6 +45,9 @@ class FakeSpline:
         angle = np.linspace(0.0, 2.0 * np.pi, 80, endpoint=False)
         return [np.column_stack([a + r * np.cos(angle), b + r * np.sin(angle)]) for a, b, r in self.circles]
 
+    def num_components(self) -> int:
+        return len(self.circles)
+
     def save(self, path: Any) -> None:
         with open(path, "wb") as stream:
             np.savez(stream, circles=np.array(self.circles), bounds=self.bounds)

@@ -287,7 +287,7 @@ def test_help_and_version_need_no_heavy_import() -> None:
     assert done.returncode == 0, done.stderr
     for name in COMMANDS:
         assert name in done.stdout
-    for absent in ("check", "export", "morph", "edit"):
+    for absent in ("export", "morph", "edit"):
         assert f"\n  {absent} " not in done.stdout
 
 

@@ -50,7 +50,7 @@ def failed(capsys: pytest.CaptureFixture[str], *words: str, status: int = 2) -> 
     ("words", "told"),
     [
         ("", "found no command"),
-        ("frobnicate", "'frobnicate'; accepted is segment, fit, info, demo"),
+        ("frobnicate", "'frobnicate'; accepted is segment, fit, check, info, demo"),
         ("--frob", "--frob"),
         ("fit", "found no POINTS"),
         ("segment", "found no IMAGE"),

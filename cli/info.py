@@ -78,22 +78,22 @@ def _is_model(path: str) -> bool:
 
 def _model(item: Input) -> Outcome:
     import tspline
+    from tspline.grid import GridField
 
     field = tspline.load(item.path)
     low, high = ([float(value) for value in corner] for corner in field.bounds)
-    components = field.num_components() if field.dim == 2 else None
+    components = len(field.to_polylines()) if field.dim == 2 else None
     own: dict[str, Any]
-    if isinstance(field, tspline.TSpline):
-        name = "T-spline level set"
-        own = {"num_cells": int(field.mesh.num_cells), "depth": int(field.mesh.depth)}
-        held = f"  cells         {own['num_cells']:,}, depth {own['depth']}"
-    else:
+    if isinstance(field, GridField):
         name = "level set on a grid"
         own = {"shape": list(field.grid.shape), "spacing": field.spacing.tolist()}
         held = f"  grid          {' x '.join(map(str, field.grid.shape))}, spacing {_corner(own['spacing'])}"
+    else:
+        name = "T-spline level set"
+        own = {"num_cells": int(field.mesh.num_cells), "depth": int(field.mesh.depth)}
+        held = f"  cells         {own['num_cells']:,}, depth {own['depth']}"
     values: dict[str, Any] = {
         "kind": "model",
-        "field": field.kind,
         "num_coefficients": int(field.num_coefficients),
         "components": components,
         "dim": int(field.dim),

@@ -81,6 +81,19 @@ def test_metadata_come_back(model: GridField, folder: Path) -> None:
     assert not (folder / "bad.tsp.npz").exists()
 
 
+def test_the_command_tells_of_grids(model: GridField, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from cli.main import main
+
+    assert main(["info", str(folder / "grid.tsp.npz"), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["shape"] == [30, 21]
+    assert told["spacing"] == [0.5, 0.25]
+    assert told["num_coefficients"] == model.num_coefficients
+    assert told["components"] == model.num_components() == 1
+    assert main(["info", str(folder / "grid.tsp.npz")]) == 0
+    assert "30 x 21" in capsys.readouterr().out
+
+
 def refused(path: Path) -> str:
     with pytest.raises(FileFormatError) as caught:
         tspline.load(path)

@@ -40,6 +40,7 @@ class LevelSet(ABC):
     metadata: dict[str, Any]
     #: The zero set's default triangulation, once made: asking twice costs once.
     triangulation: Triangles | None = None
+    _surface_measures: SurfaceMeasures | None = None
 
     @property
     @abstractmethod
@@ -268,9 +269,11 @@ class LevelSet(ABC):
         return self._jet(points, 2)[1:]
 
     def _measures(self) -> SurfaceMeasures:
-        from tspline.contour import measure
+        if self._surface_measures is None:
+            from tspline.contour import measure
 
-        return measure(self)
+            self._surface_measures = measure(self)
+        return self._surface_measures
 
     def _curve_measures(self) -> CurveMeasures:
         from tspline.contour import measure_curves

@@ -65,7 +65,7 @@ fn front<const D: usize>(
     let spacing: [f64; D] = spacing.try_into().map_err(|_| {
         PyValueError::new_err(format!("spacing must have {D} lengths, found {}", spacing.len()))
     })?;
-    run(py, || Front::new(kernel.clone(), spacing, layers, order))
+    run(py, || Front::new(kernel, spacing, layers, order))
 }
 
 fn handed_out<'py, const D: usize>(py: Python<'py>, samples: Kernel<D>) -> PyResult<Samples<'py>> {

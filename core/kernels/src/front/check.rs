@@ -37,14 +37,16 @@ impl<const D: usize> Front<D> {
             return Some(format!("in {copies} layers"));
         }
         let step = 2.0 * self.half;
+        let beyond = |k: i32| {
+            let at = step * f64::from(k.abs());
+            (f.abs() - at).abs() > (0.5 + 1e-9) * at
+        };
         match layer {
             None if (f.abs() - far).abs() > 1e-12 * far => return Some(format!("value {f} in no layer")),
             Some(0) if f.abs() > self.half => return Some(format!("active with value {f}")),
             Some(k) if k != 0 && (f < 0.0) != (k < 0) => return Some(format!("value {f} in layer {k}")),
-            Some(k) if k != 0 && self.order == Order::First => {
-                if (f.abs() - step * f64::from(k.abs())).abs() > (0.5 + 1e-9) * step * f64::from(k.abs()) {
-                    return Some(format!("value {f} in layer {k}"));
-                }
+            Some(k) if k != 0 && self.order == Order::First && beyond(k) => {
+                return Some(format!("value {f} in layer {k}"));
             }
             _ => {}
         }

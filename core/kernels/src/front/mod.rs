@@ -59,7 +59,7 @@ pub struct Front<const D: usize> {
 
 impl<const D: usize> Front<D> {
     /// The front of a field whose values near the zero set are about distances.
-    pub fn new(blocks: Blocks<D>, spacing: [f64; D], layers: usize, order: Order) -> Result<Self> {
+    pub fn new(blocks: &Blocks<D>, spacing: [f64; D], layers: usize, order: Order) -> Result<Self> {
         if spacing.iter().any(|h| !h.is_finite() || *h <= 0.0) {
             return Err(KernelError::Invalid(format!(
                 "spacing: found {spacing:?}, accepted are positive lengths"
@@ -74,7 +74,7 @@ impl<const D: usize> Front<D> {
         let largest = spacing.iter().fold(0.0_f64, |m, &h| m.max(h));
         let far = (layers as f64 + 1.0) * largest;
         let mut own = Self {
-            blocks: clamped(&blocks, far)?,
+            blocks: clamped(blocks, far)?,
             work: Vec::new(),
             scratch: Vec::new(),
             spacing,

@@ -67,7 +67,7 @@ fn a_sphere_grows_and_shrinks_with_second_order() {
         let mut errors = Vec::new();
         for n in [32_usize, 64] {
             let radius = n as f64 / 4.0;
-            let mut front = Front::new(ball([n; 3], [1.0; 3], radius), [1.0; 3], 3, Order::Second).unwrap();
+            let mut front = Front::new(&ball([n; 3], [1.0; 3], radius), [1.0; 3], 3, Order::Second).unwrap();
             run(&mut front, speed, 0.0, 0.32, n / 3);
             let end = radius + speed * 0.32 * (n / 3) as f64;
             errors.push(radius_error(&front, [1.0; 3], end).1);
@@ -82,10 +82,10 @@ fn a_sphere_grows_and_shrinks_with_second_order() {
 
 #[test]
 fn circles_and_spheres_shorten_by_their_curvature() {
-    let mut front = Front::new(ball([48; 2], [1.0; 2], 16.0), [1.0; 2], 3, Order::Second).unwrap();
+    let mut front = Front::new(&ball([48; 2], [1.0; 2], 16.0), [1.0; 2], 3, Order::Second).unwrap();
     run(&mut front, 0.0, 1.0, 0.2, 200);
     assert!(radius_error(&front, [1.0; 2], (256.0_f64 - 80.0).sqrt()).1 < 0.02);
-    let mut front = Front::new(ball([40; 3], [1.0; 3], 14.0), [1.0; 3], 3, Order::Second).unwrap();
+    let mut front = Front::new(&ball([40; 3], [1.0; 3], 14.0), [1.0; 3], 3, Order::Second).unwrap();
     run(&mut front, 0.0, 1.0, 0.15, 120);
     assert!(radius_error(&front, [1.0; 3], (196.0_f64 - 72.0).sqrt()).1 < 0.02);
 }
@@ -95,7 +95,7 @@ fn spacings_may_differ() {
     let errors = [1.0, 0.5].map(|scale| {
         let spacing = [0.5, 1.0, 0.7].map(|h| h * scale);
         let shape = [81, 41, 58].map(|n| (n as f64 / scale) as usize);
-        let mut front = Front::new(ball(shape, spacing, 10.0), spacing, 3, Order::Second).unwrap();
+        let mut front = Front::new(&ball(shape, spacing, 10.0), spacing, 3, Order::Second).unwrap();
         run(&mut front, 1.0, 0.0, 0.15 * scale, (20.0 / scale) as usize);
         radius_error(&front, spacing, 13.0).1
     });
@@ -104,7 +104,7 @@ fn spacings_may_differ() {
 
 #[test]
 fn whitakers_layers_err_by_a_part_of_a_spacing() {
-    let mut front = Front::new(ball([64; 3], [1.0; 3], 16.0), [1.0; 3], 2, Order::First).unwrap();
+    let mut front = Front::new(&ball([64; 3], [1.0; 3], 16.0), [1.0; 3], 2, Order::First).unwrap();
     run(&mut front, 1.0, 0.0, 1.0 / 3.0, 18);
     let (mean, worst) = radius_error(&front, [1.0; 3], 22.0);
     assert!(mean.abs() < 0.25 && worst < 0.5);
@@ -119,7 +119,7 @@ fn two_balls_merge_and_a_dumbbell_splits() {
     };
     for order in [Order::First, Order::Second] {
         let blocks = shape_of([56, 40, 40], [1.0; 3], balls);
-        let mut front = Front::new(blocks, [1.0; 3], 3, order).unwrap();
+        let mut front = Front::new(&blocks, [1.0; 3], 3, order).unwrap();
         run(&mut front, 1.0, 0.0, 0.3, 16);
         run(&mut front, -1.0, 0.0, 0.3, 60);
         assert!(front.is_empty(), "{order:?}");
@@ -130,7 +130,7 @@ fn two_balls_merge_and_a_dumbbell_splits() {
 #[test]
 fn a_front_may_leave_the_grid() {
     for order in [Order::First, Order::Second] {
-        let mut front = Front::new(ball([21, 30], [1.0; 2], 8.0), [1.0; 2], 3, order).unwrap();
+        let mut front = Front::new(&ball([21, 30], [1.0; 2], 8.0), [1.0; 2], 3, order).unwrap();
         run(&mut front, 1.0, 0.0, 0.45, 40);
         assert!(front.blocks().to_dense().iter().all(|v| *v < 0.0), "{order:?}");
     }
@@ -138,7 +138,7 @@ fn a_front_may_leave_the_grid() {
 
 #[test]
 fn nothing_moves_without_speed() {
-    let mut front = Front::new(ball([40; 3], [1.0; 3], 12.0), [1.0; 3], 3, Order::Second).unwrap();
+    let mut front = Front::new(&ball([40; 3], [1.0; 3], 12.0), [1.0; 3], 3, Order::Second).unwrap();
     let before = front.blocks().to_dense();
     run(&mut front, 0.0, 0.0, 0.3, 5);
     for (a, b) in front.blocks().to_dense().iter().zip(&before) {
@@ -148,7 +148,7 @@ fn nothing_moves_without_speed() {
 
 #[test]
 fn bad_terms_are_refused() {
-    let mut front = Front::new(ball([20; 2], [1.0; 2], 6.0), [1.0; 2], 3, Order::Second).unwrap();
+    let mut front = Front::new(&ball([20; 2], [1.0; 2], 6.0), [1.0; 2], 3, Order::Second).unwrap();
     let normal = vec![f64::NAN; front.len()];
     let terms = Terms {
         normal: &normal,
@@ -169,7 +169,7 @@ fn a_narrower_band_is_filled_up() {
     let shape = [40; 3];
     let wide = ball(shape, [1.0; 3], 12.0);
     let narrow = Blocks::from_dense(shape, &wide.to_dense(), 1.5).unwrap();
-    let front = Front::new(narrow, [1.0; 3], 3, Order::Second).unwrap();
+    let front = Front::new(&narrow, [1.0; 3], 3, Order::Second).unwrap();
     front.check_invariants().unwrap();
     for (a, b) in front.blocks().to_dense().iter().zip(&wide.to_dense()) {
         assert!(a.abs() >= 4.0 || (a - b).abs() < 0.02, "{a} {b}");

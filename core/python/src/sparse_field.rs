@@ -7,7 +7,7 @@ use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use tspline_kernels::front::{Front, Order, Samples as Kernel, Terms};
 
-use crate::blocks::{Blocks, Inner as Values2};
+use crate::blocks::{Blocks, Inner as Held};
 use crate::convert::{points, run, table, values, Points, Values};
 
 /// The front of either dimension.
@@ -68,7 +68,7 @@ fn front<const D: usize>(
     run(py, || Front::new(kernel, spacing, layers, order))
 }
 
-fn handed_out<'py, const D: usize>(py: Python<'py>, samples: Kernel<D>) -> PyResult<Samples<'py>> {
+fn handed_out<const D: usize>(py: Python<'_>, samples: Kernel<D>) -> PyResult<Samples<'_>> {
     Ok((
         table(py, samples.points)?,
         table(py, samples.normals)?,
@@ -92,8 +92,8 @@ impl SparseField {
             }
         };
         let inner = match &blocks.inner {
-            Values2::Plane(b) => Inner::Plane(front(py, b, &spacing, layers, order)?),
-            Values2::Space(b) => Inner::Space(front(py, b, &spacing, layers, order)?),
+            Held::Plane(b) => Inner::Plane(front(py, b, &spacing, layers, order)?),
+            Held::Space(b) => Inner::Space(front(py, b, &spacing, layers, order)?),
         };
         Ok(Self {
             inner: Mutex::new(inner),

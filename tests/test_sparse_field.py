@@ -127,15 +127,18 @@ def test_a_dumbbell_pinches_under_curvature_flow() -> None:
     def bar(x: Floats) -> Floats:
         return np.maximum(np.hypot(x[..., 1], x[..., 2]) - 0.13, np.abs(x[..., 0]) - 0.5)
 
-    start = sampled(union(ball(0.33, (-0.5, 0, 0)), ball(0.33, (0.5, 0, 0)), bar), 57).redistanced()
+    start = sampled(union(ball(0.33, (-0.5, 0, 0)), ball(0.33, (0.5, 0, 0)), bar), 41).redistanced()
     solver = SparseField(start, CurvatureSpeed(1.0), CHECKED, StoppingRule(max_steps=1000, max_time=0.02, tolerance=0))
-    counts = [1]
+    counts = [solver.field.num_components()]
     while solver.time < 0.02 * (1 - 1e-9):
-        solver.step()
+        for _ in range(4):
+            solver.step()
         counts.append(solver.field.num_components())
-    assert counts[0] == 1
+    # The neck may leave a drop behind, which vanishes; what has parted does not meet again.
+    apart = np.array(counts) > 1
+    assert not apart[0]
+    assert apart[np.argmax(apart) :].all()
     assert counts[-1] == 2
-    assert sorted(counts) == counts
 
 
 def test_a_torus_closes_its_hole() -> None:

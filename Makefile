@@ -74,7 +74,7 @@ wheel: $(VENV)/installed
 
 bench: $(VENV)/installed
 	$(PIP) install --quiet --no-build-isolation --editable '.[benchmarks]'
-	for script in kernels curves paper_examples images scaling surfaces; do \
+	for script in kernels curves paper_examples images scaling grid_solver surfaces; do \
 	    $(RUN) benchmarks/$$script.py || exit 1; done
 
 install: $(VENV)/installed

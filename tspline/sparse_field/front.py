@@ -112,6 +112,8 @@ class SparseField(March):
         super().__init__(field.grid, speed, stopping)
         self.options = options or SparseFieldOptions()
         layers = self.options.layers or self.options.order + 1
+        # Part of the time-step bound that shocks have allowed lately.
+        self._eased = 1.0
         self._core = _core.SparseField(field.blocks, field.grid.spacing.tolist(), layers, self.options.order)
 
     @property
@@ -137,14 +139,17 @@ class SparseField(March):
         self.speed.prepare(state)
         samples = FrontSamples(self._core, self.grid, state, staged=False, time=self.time)
         terms = self.speed(samples)
-        step = self._time_step(terms, samples)
+        step = self._time_step(terms)
+        # A shock stays for a while: the next steps begin with what this one comes to.
+        self._eased = min(1.0, 1.1 * self._eased)
         while True:
             change, rms = self._stages(terms, state, step)
             if change <= 0.5:
                 break
             # A node may cross half a spacing at most, shocks included, or the layers lose the zero set.
             self._core.undo()
-            step *= max(0.4 / change, 0.1)
+            less = max(0.4 / change, 0.1)
+            step, self._eased = less * step, less * self._eased
         samples.close()
         self._core.commit()
         if self.options.check_invariants:
@@ -152,11 +157,11 @@ class SparseField(March):
         self.time += step
         return self._recorded(step, change * float(self.grid.spacing.min()), rms, self._core.num_nodes)
 
-    def _time_step(self, terms: SpeedTerms, samples: FrontSamples) -> float:
+    def _time_step(self, terms: SpeedTerms) -> float:
         step = self.options.time_step
         if step is None:
             bound = self.options.courant * time_step_bound(terms, self.grid.spacing)
-            step = min(bound, self.options.max_time_step)
+            step = min(bound * self._eased, self.options.max_time_step)
         if not np.isfinite(step):
             # Nothing moves, now; time goes on for speeds that depend on it.
             step = 1.0 if not np.isfinite(self.stopping.max_time) else self.stopping.max_time

@@ -5,6 +5,7 @@ Lengths are in cells and nodes have whole coordinates. Values are negative insid
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -15,7 +16,7 @@ Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Motion:
+class Motion(ABC):
     """A sphere in the middle of the grid."""
 
     nodes: int
@@ -30,11 +31,13 @@ class Motion:
         return self.nodes / 4
 
     @property
+    @abstractmethod
     def duration(self) -> float:
-        raise NotImplementedError
+        """When the motion ends."""
 
+    @abstractmethod
     def exact_radius(self, time: float) -> float:
-        raise NotImplementedError
+        """Of the sphere at a time."""
 
     def start(self) -> Floats:
         """Distances at the nodes."""

@@ -87,6 +87,7 @@ def test_curvature_flow_is_of_second_order(dim: int) -> None:
 def test_translation_and_rotation_keep_the_shape() -> None:
     start = sampled(ball(0.4, (-0.2, 0.0)), 65, 2)
     along = moved(start, AdvectionSpeed(lambda x, t: np.broadcast_to([0.6, 0.3], x.shape)), 0.5)
+    # Measured: 0.096 of a spacing after eleven, and 0.121 after a quarter turn of six.
     assert worst(along, ball(0.4, (0.1, 0.15))) < 0.12
     turn = AdvectionSpeed(lambda x, t: np.stack([-x[:, 1], x[:, 0]], axis=1))
     assert worst(moved(start, turn, np.pi / 2), ball(0.4, (0.0, -0.2))) < 0.15
@@ -120,6 +121,7 @@ def test_two_balls_merge(order: int) -> None:
     if order == 2:
         r, a = 0.43, 0.35
         lens = np.pi * (2 * r - 2 * a) ** 2 * (4 * a * a + 8 * a * r) / (12 * 2 * a)
+        # The crease where the balls meet is rounded: 0.5 % measured.
         assert one.field.volume() == pytest.approx(2 * 4 / 3 * np.pi * r**3 - lens, rel=1e-2)
 
 
@@ -146,6 +148,7 @@ def test_a_torus_closes_its_hole() -> None:
     assert start.genus() == 1
     solver = moved(start, ConstantSpeed(1.0), 0.1)
     assert solver.field.genus() == 1
+    # The tube's radius is 5 spacings at first: 0.2 % measured.
     assert solver.field.volume() == pytest.approx(2 * np.pi**2 * 0.5 * 0.3**2, rel=4e-3)
     assert solver.field.area() == pytest.approx(4 * np.pi**2 * 0.5 * 0.3, rel=4e-3)
     assert moved(start, ConstantSpeed(1.0), 0.36).field.genus() == 0

@@ -7,7 +7,7 @@ distances where two surfaces meet (K. Museth and others, "Level set surface edit
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,10 +38,11 @@ class Solid(Protocol):
 
 
 @dataclass(frozen=True, init=False)
-class Union:
-    """What lies in one of the solids at least: the least of their fields."""
+class _Joined:
+    """Solids whose fields are joined by a minimum or maximum."""
 
     parts: tuple[Solid, ...]
+    _join: ClassVar[np.ufunc]
 
     def __init__(self, *parts: Solid) -> None:
         object.__setattr__(self, "parts", _alike(parts))
@@ -50,53 +51,42 @@ class Union:
     def dim(self) -> int:
         """2 or 3."""
         return self.parts[0].dim
+
+    def f(self, points: Floats) -> Floats:
+        """The least or the largest of the parts' f at points (k, d), shape (k,)."""
+        joined: Floats = self._join.reduce([part.f(points) for part in self.parts])
+        return joined
+
+    def clearance(self, points: Floats) -> Floats:
+        """A field (k,) of slope 1 at most with the sign of `f`."""
+        joined: Floats = self._join.reduce([part.clearance(points) for part in self.parts])
+        return joined
+
+    @property
+    def _boxes(self) -> Floats:
+        return np.array([part.bounds for part in self.parts])
+
+
+class Union(_Joined):
+    """What lies in one of the solids at least: the least of their fields."""
+
+    _join = np.minimum
 
     @property
     def bounds(self) -> Floats:
         """A box that holds all solids, shape (2, d)."""
-        boxes = np.array([part.bounds for part in self.parts])
-        return np.array([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
-
-    def f(self, points: Floats) -> Floats:
-        """min f at points (k, d), shape (k,)."""
-        joined: Floats = np.minimum.reduce([part.f(points) for part in self.parts])
-        return joined
-
-    def clearance(self, points: Floats) -> Floats:
-        """A field (k,) of slope 1 at most with the sign of `f`."""
-        joined: Floats = np.minimum.reduce([part.clearance(points) for part in self.parts])
-        return joined
+        return np.array([self._boxes[:, 0].min(axis=0), self._boxes[:, 1].max(axis=0)])
 
 
-@dataclass(frozen=True, init=False)
-class Intersection:
+class Intersection(_Joined):
     """What lies in all of the solids: the largest of their fields."""
 
-    parts: tuple[Solid, ...]
-
-    def __init__(self, *parts: Solid) -> None:
-        object.__setattr__(self, "parts", _alike(parts))
-
-    @property
-    def dim(self) -> int:
-        """2 or 3."""
-        return self.parts[0].dim
+    _join = np.maximum
 
     @property
     def bounds(self) -> Floats:
         """The box that the solids' boxes share, shape (2, d); lower above upper where they share none."""
-        boxes = np.array([part.bounds for part in self.parts])
-        return np.array([boxes[:, 0].max(axis=0), boxes[:, 1].min(axis=0)])
-
-    def f(self, points: Floats) -> Floats:
-        """max f at points (k, d), shape (k,)."""
-        joined: Floats = np.maximum.reduce([part.f(points) for part in self.parts])
-        return joined
-
-    def clearance(self, points: Floats) -> Floats:
-        """A field (k,) of slope 1 at most with the sign of `f`."""
-        joined: Floats = np.maximum.reduce([part.clearance(points) for part in self.parts])
-        return joined
+        return np.array([self._boxes[:, 0].max(axis=0), self._boxes[:, 1].min(axis=0)])
 
 
 @dataclass(frozen=True, init=False)

@@ -13,7 +13,8 @@ impl<const D: usize> Front<D> {
     /// 3. Between neighbours of opposite sign one at least is active: the zero set is closed.
     /// 4. A node of layer k has a neighbour in layer k - 1 and none in a layer below; the next one outward is in the
     ///    band unless k is the last layer.
-    /// 5. Values have their layer's sign; first-order ones lie within half a spacing of k spacings.
+    /// 5. Values have their layer's sign; first-order ones lie half a spacing at most beyond k spacings
+    ///    (of the smallest below, of the largest above).
     /// 6. What is in no layer has the far value.
     pub fn check_invariants(&self) -> Result<()> {
         for slot in 0..self.blocks.len() {
@@ -36,10 +37,12 @@ impl<const D: usize> Front<D> {
         if copies > 1 || has(&self.covered[slot], offset) != (copies == 1) {
             return Some(format!("in {copies} layers"));
         }
-        let step = 2.0 * self.half;
+        let bound =
+            |pick: fn(f64, f64) -> f64| self.spacing[1..].iter().fold(self.spacing[0], |m, &h| pick(m, h));
+        let (least, most) = (bound(f64::min), bound(f64::max));
         let beyond = |k: i32| {
-            let at = step * f64::from(k.abs());
-            (f.abs() - at).abs() > (0.5 + 1e-9) * at
+            let (k, slack) = (f64::from(k.abs()), self.half * (1.0 + 1e-9));
+            f.abs() < k * least - slack || f.abs() > k * most + slack
         };
         match layer {
             None if (f.abs() - far).abs() > 1e-12 * far => return Some(format!("value {f} in no layer")),
@@ -50,7 +53,7 @@ impl<const D: usize> Front<D> {
             }
             _ => {}
         }
-        let (mut least, last) = (i32::MAX, self.layers as i32);
+        let (mut nearest, last) = (i32::MAX, self.layers as i32);
         for axis in 0..D {
             for step in [-1_i64, 1] {
                 let Some((s, o)) = self.next(slot, offset, axis, step) else {
@@ -63,14 +66,16 @@ impl<const D: usize> Front<D> {
                 if (other < 0.0) != (f < 0.0) && layer != Some(0) && beside != Some(0) {
                     return Some(format!("values {f} and {other} with no active node between"));
                 }
-                least = least.min(beside.map_or(i32::MAX, i32::abs));
+                nearest = nearest.min(beside.map_or(i32::MAX, i32::abs));
                 if layer.is_some_and(|k| k.abs() < last) && beside.is_none() {
                     return Some("its neighbour is missing".into());
                 }
             }
         }
         match layer {
-            Some(k) if k != 0 && least != k.abs() - 1 => Some(format!("in layer {k} beside layer {least}")),
+            Some(k) if k != 0 && nearest != k.abs() - 1 => {
+                Some(format!("in layer {k} beside layer {nearest}"))
+            }
             _ => None,
         }
     }

@@ -312,9 +312,10 @@ impl<const D: usize> Front<D> {
             Order::First => self.city_blocks(),
             Order::Second => self.distances(restore),
         }
-        self.blocks.values_mut().copy_from_slice(&self.work);
-        self.blocks.pad();
-        self.work.copy_from_slice(self.blocks.values());
+        copy(&self.work, self.blocks.values_mut());
+        if self.blocks.pad() {
+            copy(self.blocks.values(), &mut self.work);
+        }
         self.number();
     }
 
@@ -327,12 +328,13 @@ impl<const D: usize> Front<D> {
             let mut scratch = std::mem::take(&mut self.scratch);
             {
                 let stencil = self.stencil(true);
-                self.each(k, &mut scratch, |slot, outside, members, out| {
+                self.each(k, &mut scratch, |slot, members, out| {
                     let sides = all_beside(&self.blocks, &inner, slot);
-                    let sign = if outside { 1.0 } else { -1.0 };
-                    for offset in offsets(members) {
-                        if let Some(u) = stencil.city_block(slot, offset, &sides, outside) {
-                            out[offset] = sign * u.clamp(0.0, far);
+                    for (members, sign) in members.into_iter().zip([1.0, -1.0]) {
+                        for offset in offsets(members) {
+                            if let Some(u) = stencil.city_block(slot, offset, &sides, sign > 0.0) {
+                                out[offset] = sign * u.clamp(0.0, far);
+                            }
                         }
                     }
                 });
@@ -357,19 +359,20 @@ impl<const D: usize> Front<D> {
                 let mut scratch = std::mem::take(&mut self.scratch);
                 {
                     let stencil = self.stencil(true);
-                    self.each(k, &mut scratch, |slot, outside, members, out| {
-                        let sign = if outside { 1.0 } else { -1.0 };
+                    self.each(k, &mut scratch, |slot, members, out| {
                         let values =
                             &stencil.values[slot * Blocks::<D>::VOLUME..(slot + 1) * Blocks::<D>::VOLUME];
                         let fresh = &self.fresh[slot];
-                        let chosen = if all { *members } else { both(members, fresh) };
-                        for offset in offsets(&chosen) {
-                            let now = values[offset];
-                            out[offset] = now;
-                            if let Some(u) = stencil.eikonal(slot, offset, outside) {
-                                let u = sign * u.clamp(0.0, far * (1.0 - 1e-9));
-                                let share = if has(fresh, offset) { 1.0 } else { RESTORED };
-                                out[offset] = now + share * (u - now);
+                        for (members, sign) in members.into_iter().zip([1.0, -1.0]) {
+                            let chosen = if all { *members } else { both(members, fresh) };
+                            for offset in offsets(&chosen) {
+                                let now = values[offset];
+                                out[offset] = now;
+                                if let Some(u) = stencil.eikonal(slot, offset, sign > 0.0) {
+                                    let u = sign * u.clamp(0.0, far * (1.0 - 1e-9));
+                                    let share = if has(fresh, offset) { 1.0 } else { RESTORED };
+                                    out[offset] = now + share * (u - now);
+                                }
                             }
                         }
                     });
@@ -380,18 +383,17 @@ impl<const D: usize> Front<D> {
         }
     }
 
-    /// Visit the members of layer k, the outer and the inner ones of each block.
-    fn each(&self, k: usize, scratch: &mut [f64], visit: impl Fn(usize, bool, &Mask, &mut [f64]) + Sync) {
+    /// Visit the members of layer k block by block: those outside, and those inside.
+    fn each(&self, k: usize, scratch: &mut [f64], visit: impl Fn(usize, [&Mask; 2], &mut [f64]) + Sync) {
         let kinds = self.kinds();
         scratch
             .par_chunks_mut(Blocks::<D>::VOLUME)
             .enumerate()
             .for_each(|(slot, out)| {
-                for outside in [true, false] {
-                    let members = &self.members[slot * kinds + Self::kind(k, outside)];
-                    if !is_empty(members) {
-                        visit(slot, outside, members, out);
-                    }
+                let members =
+                    [true, false].map(|outside| &self.members[slot * kinds + Self::kind(k, outside)]);
+                if members.iter().any(|m| !is_empty(m)) {
+                    visit(slot, members, out);
                 }
             });
     }
@@ -419,4 +421,12 @@ impl<const D: usize> Front<D> {
                 }
             });
     }
+}
+
+/// Copy a list on all threads.
+pub(super) fn copy(from: &[f64], to: &mut [f64]) {
+    const CHUNK: usize = 1 << 15;
+    to.par_chunks_mut(CHUNK)
+        .zip(from.par_chunks(CHUNK))
+        .for_each(|(to, from)| to.copy_from_slice(from));
 }

@@ -73,8 +73,14 @@ impl<const D: usize> Front<D> {
         }
         let largest = spacing.iter().fold(0.0_f64, |m, &h| m.max(h));
         let far = (layers as f64 + 1.0) * largest;
+        if blocks.values().par_iter().any(|v| v.is_nan()) {
+            return Err(KernelError::Invalid(
+                "values: found NaN, accepted are numbers".into(),
+            ));
+        }
         let mut own = Self {
-            blocks: clamped(blocks, far)?,
+            // What the field's own band cut off is unknown.
+            blocks: blocks.narrowed(blocks.far() * (1.0 - 1e-9), far)?,
             work: Vec::new(),
             scratch: Vec::new(),
             spacing,
@@ -155,25 +161,6 @@ impl<const D: usize> Front<D> {
         self.work.resize(self.blocks.values().len(), 0.0);
         self.scratch.resize(self.blocks.values().len(), 0.0);
     }
-}
-
-/// The same field for a band of `far`: values beyond it are cut off, and what the field's own band cut off is unknown.
-fn clamped<const D: usize>(blocks: &Blocks<D>, far: f64) -> Result<Blocks<D>> {
-    let mut values = blocks.values().to_vec();
-    if values.iter().any(|v| v.is_nan()) {
-        return Err(KernelError::Invalid(
-            "values: found NaN, accepted are numbers".into(),
-        ));
-    }
-    let known = blocks.far() * (1.0 - 1e-9);
-    values.par_iter_mut().for_each(|v| {
-        *v = if v.abs() < known {
-            v.clamp(-far, far)
-        } else {
-            far.copysign(*v)
-        };
-    });
-    Blocks::from_parts(blocks.shape(), far, blocks.places(), &values, &blocks.inside())
 }
 
 #[cfg(test)]

@@ -22,10 +22,11 @@ impl<const D: usize> Front<D> {
     /// last `commit`, in the smallest spacings, and the root mean square, in units of the spacing.
     pub fn advance(&mut self, terms: Terms<'_, D>, step: f64, staged: bool) -> Result<(f64, f64)> {
         self.check(&terms)?;
+        let mut scratch = std::mem::take(&mut self.scratch);
         let before = self.blocks.values();
         let stencil = self.stencil(staged);
         let order = self.order;
-        let rates = self.at_active_numbered(|number, slot, offset| {
+        let value = |number: usize, slot: usize, offset: usize| {
             let sides = match order {
                 Order::First => stencil.first_order(slot, offset),
                 Order::Second => stencil.second_order(slot, offset),
@@ -50,26 +51,24 @@ impl<const D: usize> Front<D> {
             } else {
                 f - step * rate
             }
-        });
-        let smallest = self.spacing.iter().fold(f64::INFINITY, |m, &h| m.min(h));
-        let first = &self.first;
-        let mut scratch = std::mem::take(&mut self.scratch);
+        };
         let changes: Vec<(f64, f64)> = scratch
             .par_chunks_mut(Blocks::<D>::VOLUME)
             .enumerate()
             .map(|(slot, out)| {
                 let (mut most, mut square) = (0.0_f64, 0.0);
                 for (k, offset) in offsets(self.active(slot)).enumerate() {
-                    let value = rates[first[slot] + k];
-                    let change = (value - before[slot * Blocks::<D>::VOLUME + offset]).abs();
+                    let new = value(self.first[slot] + k, slot, offset);
+                    let change = (new - before[slot * Blocks::<D>::VOLUME + offset]).abs();
                     most = most.max(change);
                     square += change * change;
-                    out[offset] = value;
+                    out[offset] = new;
                 }
                 (most, square)
             })
             .collect();
         self.scratch = scratch;
+        let smallest = self.spacing.iter().fold(f64::INFINITY, |m, &h| m.min(h));
         let (mut largest, mut sum) = (0.0_f64, 0.0);
         for (most, square) in changes {
             largest = largest.max(most);
@@ -87,7 +86,7 @@ impl<const D: usize> Front<D> {
     /// Drop what a stage did.
     pub fn undo(&mut self) {
         self.moved = 0.0;
-        self.work.copy_from_slice(self.blocks.values());
+        super::layers::copy(self.blocks.values(), &mut self.work);
     }
 
     fn check(&self, terms: &Terms<'_, D>) -> Result<()> {
@@ -114,20 +113,6 @@ impl<const D: usize> Front<D> {
                 "speed: found NaN or infinity, accepted are finite numbers".into(),
             ))
         }
-    }
-
-    fn at_active_numbered(&self, value: impl Fn(usize, usize, usize) -> f64 + Sync) -> Vec<f64> {
-        let mut out = vec![0.0; self.len()];
-        super::samples::split(&mut out, &self.first)
-            .into_par_iter()
-            .enumerate()
-            .for_each(|(slot, part)| {
-                let first = self.first[slot];
-                for ((k, to), offset) in part.iter_mut().enumerate().zip(offsets(self.active(slot))) {
-                    *to = value(first + k, slot, offset);
-                }
-            });
-        out
     }
 
     /// Carry the change of the active nodes outward to layer `last`.

@@ -8,6 +8,7 @@ use multiversion::multiversion;
 use rayon::prelude::*;
 
 use super::blocks::{Blocks, Neighbor, SIDE};
+use super::screen::Screen;
 
 /// Nodes an axis that the coefficients around a block's cells follow from: two below, three above.
 const SPAN: usize = SIDE + 5;
@@ -18,8 +19,8 @@ const AROUND: usize = 4;
 /// Cells, by their lowest nodes, whose Bernstein coefficients do not all lie beyond `margin` on one side. Those on the border of the
 /// grid are left out only if they are outside: the border closes the shape.
 pub fn live<const D: usize>(blocks: &Blocks<D>, margin: f64) -> Vec<[u32; D]> {
-    let candidates = candidates(blocks);
-    candidates
+    let places = Screen::new(blocks).crossed(&candidates(blocks), margin);
+    places
         .par_chunks(16)
         .flat_map_iter(|places| {
             let mut out = Vec::new();
@@ -30,10 +31,15 @@ pub fn live<const D: usize>(blocks: &Blocks<D>, margin: f64) -> Vec<[u32; D]> {
 }
 
 #[multiversion(targets("x86_64+avx+avx2"))]
-fn cells_of<const D: usize>(blocks: &Blocks<D>, places: &[[i64; D]], margin: f64, out: &mut Vec<[u32; D]>) {
+fn cells_of<const D: usize>(
+    blocks: &Blocks<D>,
+    places: &[([i64; D], f64)],
+    margin: f64,
+    out: &mut Vec<[u32; D]>,
+) {
     let mut work = Work::new();
-    for place in places {
-        work.cells(blocks, place, margin, out);
+    for (place, reach) in places {
+        work.cells(blocks, place, *reach, margin, out);
     }
 }
 
@@ -109,9 +115,20 @@ impl<const D: usize> Work<D> {
     }
 
     #[inline(always)]
-    fn cells(&mut self, blocks: &Blocks<D>, place: &[i64; D], margin: f64, out: &mut Vec<[u32; D]>) {
+    fn cells(
+        &mut self,
+        blocks: &Blocks<D>,
+        place: &[i64; D],
+        reach: f64,
+        margin: f64,
+        out: &mut Vec<[u32; D]>,
+    ) {
         let shape = blocks.shape();
         self.gather(blocks, place);
+        let [low, high] = range(&self.values);
+        if low > reach || high < -reach {
+            return;
+        }
         for a in 0..D {
             self.extend(a, place[a] * SIDE as i64 - 2, shape[a] as i64 - 1);
         }
@@ -293,6 +310,29 @@ fn each<const D: usize>(count: usize, mut visit: impl FnMut(usize)) {
     }
 }
 
+/// Least and largest value, several at once.
+#[inline(always)]
+fn range(values: &[f64]) -> [f64; 2] {
+    let (mut low, mut high) = ([f64::INFINITY; 8], [f64::NEG_INFINITY; 8]);
+    let mut widen = |k: usize, v: f64| {
+        low[k] = if v < low[k] { v } else { low[k] };
+        high[k] = if v > high[k] { v } else { high[k] };
+    };
+    let eights = values.chunks_exact(8);
+    for (k, &v) in eights.remainder().iter().enumerate() {
+        widen(k, v);
+    }
+    for eight in eights {
+        for k in 0..8 {
+            widen(k, eight[k]);
+        }
+    }
+    [
+        low.into_iter().fold(f64::INFINITY, f64::min),
+        high.into_iter().fold(f64::NEG_INFINITY, f64::max),
+    ]
+}
+
 #[inline(always)]
 fn copy<const N: usize>(from: &[f64], to: &mut [f64]) {
     to[..N].copy_from_slice(&from[..N]);
@@ -327,4 +367,52 @@ fn bernstein_bounds<const D: usize>(window: &[f64]) -> [f64; 2] {
         .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], &v| {
             [if v < low { v } else { low }, if v > high { v } else { high }]
         })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Blobs of random places and widths, dense and in a band, on grids that end within a block.
+    #[test]
+    fn blocks_that_are_passed_over_have_no_live_cell() {
+        let shape = [41, 64, 35];
+        let mut state = 7_u64;
+        let mut random = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            (state >> 33) as f64 / (1_u64 << 31) as f64
+        };
+        let mut skipped = 0;
+        for trial in 0..12 {
+            let balls: Vec<([f64; 3], f64)> = (0..3)
+                .map(|_| (shape.map(|n| n as f64 * random()), 2.0 + 9.0 * random()))
+                .collect();
+            let roughness = if trial % 3 == 0 { 2.0 } else { 0.0 };
+            let dense: Vec<f64> = (0..shape.iter().product::<usize>())
+                .map(|k| {
+                    let node = [k / (64 * 35), k / 35 % 64, k % 35];
+                    let distance = |(centre, radius): &([f64; 3], f64)| {
+                        let square: f64 = (0..3).map(|a| (node[a] as f64 - centre[a]).powi(2)).sum();
+                        square.sqrt() - radius
+                    };
+                    let least = balls.iter().map(distance).fold(f64::INFINITY, f64::min);
+                    let sign = if trial % 2 == 0 { 1.0 } else { -1.0 };
+                    sign * least + roughness * (random() - 0.5)
+                })
+                .collect();
+            for far in [f64::INFINITY, 6.0] {
+                let blocks = Blocks::from_dense(shape, &dense, far).unwrap();
+                let all: Vec<([i64; 3], f64)> = candidates(&blocks)
+                    .into_iter()
+                    .map(|place| (place, f64::INFINITY))
+                    .collect();
+                let mut expected = Vec::new();
+                cells_of(&blocks, &all, 1e-9, &mut expected);
+                assert_eq!(live(&blocks, 1e-9), expected);
+                let left = Screen::new(&blocks).crossed(&candidates(&blocks), 1e-9);
+                skipped += all.len() - left.len();
+            }
+        }
+        assert!(skipped > 100, "{skipped} blocks were passed over");
+    }
 }

@@ -15,9 +15,11 @@ use crate::field::Field;
 const CHUNK: usize = 512;
 /// Steps to a foot point; two or three are the rule.
 const STEPS: usize = 12;
-/// The last step is shorter than this, in spacings: a foot point that is off by e along the surface puts the distance off by
-/// e^2 / (2 d) only.
-const LAST_STEP: f64 = 5e-3;
+/// What is left of the way along the surface is less than this, in spacings: a foot point that is off by e puts the distance
+/// off by e^2 / (2 d) only.
+const LEFT: f64 = 1e-2;
+/// By how much a step is shorter than the one before it, as long as there is one only: steps shrink by kappa d.
+const SHRINK: f64 = 0.15;
 /// Rounds in which nodes look whether a neighbour knows a nearer part.
 const ROUNDS: usize = 8;
 /// No foot point yet.
@@ -157,36 +159,64 @@ fn proceed<const D: usize>(
 ) {
     let mut field = Interpolant::new(source, &region.spacing);
     for &node in nodes {
-        let Some((start, bound)) = best(region, feet, node) else {
+        let Some((beside, bound)) = best(region, feet, node) else {
             continue;
         };
         let p = region.place(node);
         // The neighbour's foot point is not the nearest, but nearly: these nodes end the layers.
         if bound > limit + 0.5 * region.widest {
-            out.push(Seed { node, foot: start });
+            out.push(Seed {
+                node,
+                foot: beside.foot,
+            });
             continue;
         }
-        let foot = settle(&mut field, region, &p, &start)
+        let foot = beside
+            .ahead
+            .and_then(|start| settle(&mut field, region, &p, &start))
             .filter(|foot| distance(&p, foot) <= bound)
+            .or_else(|| {
+                settle(&mut field, region, &p, &beside.foot).filter(|foot| distance(&p, foot) <= bound)
+            })
             // Where steps do not settle, at a ridge of the distance, the neighbour's foot point is on the zero set.
-            .unwrap_or(start);
+            .unwrap_or(beside.foot);
         out.push(Seed { node, foot });
     }
 }
 
+/// What the neighbours know of a node's foot point.
+struct Beside<const D: usize> {
+    /// The nearest of theirs.
+    foot: [f64; D],
+    /// Where the next one lies, as feet go on along a line of nodes.
+    ahead: Option<[f64; D]>,
+}
+
 /// The nearest foot point of the neighbours, and its distance.
-fn best<const D: usize>(region: &Region<'_, D>, feet: &Feet<D>, node: usize) -> Option<([f64; D], f64)> {
+#[inline(always)]
+fn best<const D: usize>(region: &Region<'_, D>, feet: &Feet<D>, node: usize) -> Option<(Beside<D>, f64)> {
     let p = region.place(node);
-    let mut best: Option<([f64; D], f64)> = None;
-    region.each_beside(node, |other| {
-        if let Some(foot) = feet.places.get(feet.of_node[other] as usize) {
-            let d = distance(&p, foot);
-            if best.is_none_or(|(_, least)| d < least) {
-                best = Some((*foot, d));
+    let foot_of = |node: usize| feet.places.get(feet.of_node[node] as usize);
+    let mut best: Option<([f64; D], f64, usize, (usize, bool))> = None;
+    for axis in 0..D {
+        for up in [false, true] {
+            let Some(other) = region.beside(node, axis, up) else {
+                continue;
+            };
+            if let Some(foot) = foot_of(other) {
+                let d = distance(&p, foot);
+                if best.is_none_or(|(_, least, ..)| d < least) {
+                    best = Some((*foot, d, other, (axis, up)));
+                }
             }
         }
-    });
-    best
+    }
+    let (foot, d, other, (axis, up)) = best?;
+    let ahead = region
+        .beside(other, axis, up)
+        .and_then(foot_of)
+        .map(|further| std::array::from_fn(|a| 2.0 * foot[a] - further[a]));
+    Some((Beside { foot, ahead }, d))
 }
 
 /// The foot point of a node beside a change of sign; `None` for other nodes.
@@ -272,7 +302,8 @@ fn settle<const D: usize>(
         if !length.is_finite() {
             return None;
         }
-        if length > 0.7 * last {
+        let shrink = if last.is_finite() { length / last } else { SHRINK };
+        if shrink > 0.7 {
             damping *= 0.5;
         }
         last = length;
@@ -280,7 +311,8 @@ fn settle<const D: usize>(
         for a in 0..D {
             x[a] = (x[a] + share * step[a]).clamp(0.0, region.high[a]);
         }
-        if length < LAST_STEP * region.finest {
+        // A geometric series of steps; those that hardly shrink tell nothing of the rest.
+        if length * shrink.min(1.0) < LEFT * region.finest * (1.0 - shrink).max(0.1) {
             return Some(x);
         }
     }

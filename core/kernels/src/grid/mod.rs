@@ -10,6 +10,7 @@ pub mod nodes;
 pub mod redistance;
 mod region;
 pub mod scan;
+mod screen;
 pub mod surface;
 pub mod triangle;
 pub mod windings;

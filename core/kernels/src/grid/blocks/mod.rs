@@ -4,9 +4,12 @@
 //! Axes are in C order: the last one is contiguous, within a block and over the table of blocks. Nodes of a block that
 //! lie beyond the grid repeat the nearest node of the grid, so that stencils need no test for the border.
 
+mod frame;
+
 use rayon::prelude::*;
 
 use crate::error::{KernelError, Result};
+use frame::Frame;
 
 /// Nodes of a block an axis, and its logarithm.
 pub const SIDE: usize = 8;
@@ -190,6 +193,50 @@ impl<const D: usize> Blocks<D> {
         own.values = values.to_vec();
         own.link();
         own.pad();
+        Ok(own)
+    }
+
+    /// The same field in a band of `far`: values beyond it are cut off, and so is what lies beyond `known`, where the values
+    /// say nothing but the sign. Blocks that are all beyond, on one side, are not stored.
+    pub fn narrowed(&self, known: f64, far: f64) -> Result<Self> {
+        let mut own = Self::new(self.shape, far)?;
+        let cut = |v: f64| {
+            if v.abs() < known {
+                v.clamp(-far, far)
+            } else {
+                far.copysign(v)
+            }
+        };
+        let near = |values: &[f64]| {
+            let inside = values[0] < 0.0;
+            values.iter().any(|&v| cut(v).abs() < far || (v < 0.0) != inside)
+        };
+        let kept: Vec<bool> = self.values.par_chunks(Self::VOLUME).map(near).collect();
+        let mut slots: Vec<usize> = (0..self.len()).filter(|&s| kept[s]).collect();
+        slots.sort_unstable_by_key(|&s| self.places[s]);
+        for (entry, &old) in own.table.iter_mut().zip(&self.table) {
+            *entry = match old {
+                slot if slot >= 0 && self.values[slot as usize * Self::VOLUME] < 0.0 => INSIDE,
+                slot if slot >= 0 => OUTSIDE,
+                sign => sign,
+            };
+        }
+        own.places = slots.iter().map(|&s| self.places[s]).collect();
+        for (slot, place) in own.places.iter().enumerate() {
+            let b = own.number_of(place);
+            own.table[b] = slot as i32;
+        }
+        own.values = vec![0.0; slots.len() * Self::VOLUME];
+        own.values
+            .par_chunks_mut(Self::VOLUME)
+            .zip(&slots)
+            .for_each(|(to, &from)| {
+                let from = &self.values[from * Self::VOLUME..(from + 1) * Self::VOLUME];
+                for (v, &old) in to.iter_mut().zip(from) {
+                    *v = cut(old);
+                }
+            });
+        own.link();
         Ok(own)
     }
 
@@ -406,16 +453,17 @@ impl<const D: usize> Blocks<D> {
         order
     }
 
-    /// Give the nodes beyond the grid the value of the nearest node.
-    pub fn pad(&mut self) {
+    /// Give the nodes beyond the grid the value of the nearest node; whether there are any.
+    pub fn pad(&mut self) -> bool {
         if self.shape.iter().all(|n| n % SIDE == 0) {
-            return;
+            return false;
         }
         let frame = self.frame();
         self.values
             .par_chunks_mut(Self::VOLUME)
             .zip(&self.places)
             .for_each(|(chunk, place)| frame.pad(place, chunk));
+        true
     }
 
     /// Whether a node of a block lies on the grid.
@@ -481,53 +529,6 @@ impl<const D: usize> Blocks<D> {
     }
 }
 
-/// The grid's extent alone, for loops over values that are borrowed.
-#[derive(Clone, Copy)]
-struct Frame<const D: usize> {
-    shape: [usize; D],
-}
-
-impl<const D: usize> Frame<D> {
-    /// Nodes of a block on the grid, an axis.
-    fn extent(&self, place: &[u32; D]) -> [usize; D] {
-        std::array::from_fn(|a| (self.shape[a] - place[a] as usize * SIDE).min(SIDE))
-    }
-
-    /// Visit the contiguous rows of a block on the grid: offset in the block, first node, length.
-    fn rows(&self, place: &[u32; D], mut visit: impl FnMut(usize, [usize; D], usize)) {
-        let extent = self.extent(place);
-        let count: usize = extent[..D - 1].iter().product();
-        for mut k in 0..count {
-            let mut local = [0; D];
-            for a in (0..D - 1).rev() {
-                local[a] = k % extent[a];
-                k /= extent[a];
-            }
-            let offset = local.iter().fold(0, |o, &p| o << LOG | p);
-            visit(
-                offset,
-                std::array::from_fn(|a| place[a] as usize * SIDE + local[a]),
-                extent[D - 1],
-            );
-        }
-    }
-
-    fn pad(&self, place: &[u32; D], chunk: &mut [f64]) {
-        let extent = self.extent(place);
-        if extent.iter().all(|&n| n == SIDE) {
-            return;
-        }
-        for offset in 0..SIDE.pow(D as u32) {
-            let nearest = (0..D).fold(0, |o, a| {
-                o << LOG | (offset >> shift::<D>(a) & (SIDE - 1)).min(extent[a] - 1)
-            });
-            if nearest != offset {
-                chunk[offset] = chunk[nearest];
-            }
-        }
-    }
-}
-
 /// Shift of an axis' coordinate within an offset.
 #[inline(always)]
 pub const fn shift<const D: usize>(axis: usize) -> usize {
@@ -558,74 +559,4 @@ fn decode(entry: i32) -> Neighbor {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn dense(shape: [usize; 3]) -> Vec<f64> {
-        (0..shape.iter().product::<usize>())
-            .map(|k| ((k * 7919) % 1009) as f64 - 500.25)
-            .collect()
-    }
-
-    #[test]
-    fn a_dense_array_comes_back() {
-        let shape = [9, 17, 8];
-        let values = dense(shape);
-        let blocks = Blocks::from_dense(shape, &values, f64::INFINITY).unwrap();
-        assert_eq!(blocks.len(), 2 * 3);
-        assert_eq!(blocks.to_dense(), values);
-    }
-
-    #[test]
-    fn neighbours_are_those_of_the_array() {
-        let shape = [13, 10, 21];
-        let values = dense(shape);
-        let blocks = Blocks::from_dense(shape, &values, f64::INFINITY).unwrap();
-        for (slot, place) in blocks.places().iter().enumerate() {
-            for offset in (0..512).filter(|&o| blocks.on_grid(place, o)) {
-                let node = Blocks::<3>::node(place, offset);
-                for axis in 0..3 {
-                    for step in -3_isize..=3 {
-                        let mut at = node;
-                        at[axis] = at[axis].saturating_add_signed(step).min(shape[axis] - 1);
-                        let expected = values[(at[0] * shape[1] + at[1]) * shape[2] + at[2]];
-                        assert_eq!(
-                            blocks.beside(blocks.values(), slot, offset, axis, step).to_bits(),
-                            expected.to_bits()
-                        );
-                        assert_eq!(blocks.at(at.map(|x| x as i64)).to_bits(), expected.to_bits());
-                    }
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn far_blocks_keep_their_sign_only() {
-        let shape = [64, 64];
-        let circle: Vec<f64> = (0..64 * 64)
-            .map(|k| f64::hypot((k / 64) as f64 - 31.0, (k % 64) as f64 - 33.0) - 20.0)
-            .collect();
-        let mut blocks = Blocks::from_dense(shape, &circle, 3.0).unwrap();
-        assert!(blocks.len() < 40);
-        for (k, d) in blocks.to_dense().iter().zip(&circle).map(|(v, d)| (*v, *d)) {
-            assert_eq!(k.to_bits(), d.clamp(-3.0, 3.0).to_bits());
-        }
-        let before = blocks.to_dense();
-        // Storing and dropping what is uniform changes nothing.
-        let all: Vec<[u32; 2]> = (0..8).flat_map(|x| (0..8).map(move |y| [x, y])).collect();
-        blocks.store(&all);
-        assert_eq!(blocks.len(), 64);
-        assert_eq!(blocks.to_dense(), before);
-        let kept: Vec<bool> = blocks
-            .values()
-            .chunks(64)
-            .map(|c| c.iter().any(|v| v.abs() < 3.0))
-            .collect();
-        blocks.keep(&kept);
-        assert_eq!(blocks.to_dense(), before);
-        let inside = blocks.inside();
-        let again = Blocks::from_parts(shape, 3.0, blocks.places(), blocks.values(), &inside).unwrap();
-        assert_eq!(again.to_dense(), before);
-    }
-}
+mod tests;

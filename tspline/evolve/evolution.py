@@ -9,9 +9,9 @@ import numpy as np
 
 from tspline import _core
 from tspline.evolve.options import EvolveOptions
-from tspline.evolve.result import MESSAGES, EvolutionResult, StepRecord
+from tspline.evolve.result import EvolutionResult, StepRecord
 from tspline.evolve.zero_set import Floats, SplineState, zero_set_samples
-from tspline.speed import LevelSetSamples, Speed, SpeedTerms, StoppingRule
+from tspline.speed import MESSAGES, LevelSetSamples, Speed, SpeedTerms, StoppingRule
 from tspline.spline import TSpline
 
 __all__ = ["Evolution", "EvolutionStep"]

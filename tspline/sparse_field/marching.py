@@ -7,16 +7,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 
 from tspline.grid import Grid, GridField
-from tspline.speed import Speed, StoppingRule
+from tspline.speed import MESSAGES, Speed, StoppingRule
 
 __all__ = ["March", "MarchRecord", "MarchResult", "MarchStep"]
-
-MESSAGES = {
-    0: "converged",
-    1: "the step limit was reached before the zero set came to rest",
-    2: "the zero set vanished",
-    3: "stopped by the callback",
-}
 
 
 @dataclasses.dataclass(frozen=True)

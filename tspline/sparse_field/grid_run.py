@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tspline.grid import Grid, GridField
 from tspline.sparse_field.front import SparseField, SparseFieldOptions
 from tspline.sparse_field.marching import MarchRecord, MarchStep
-from tspline.speed import Problem, StoppingRule
+from tspline.speed import Problem
 
 __all__ = ["GridRun"]
 
@@ -73,31 +73,16 @@ class GridRun:
         status : int
             0 converged, 1 step limit, 2 the zero set vanished, 3 stopped by the callback.
         """
-        rule = problem.stopping
-        solver = SparseField(
-            start,
-            problem.speed,
-            SparseFieldOptions(max_time_step=unit),
-            StoppingRule(max_time=rule.max_time),
-        )
-        status = self._steps(solver, problem, unit, phase)
-        return solver.field.redistanced(start.band), status
-
-    def _steps(self, solver: SparseField, problem: Problem, unit: float, phase: str) -> int:
-        rule, calm = problem.stopping, 0
+        rule = replace(problem.stopping, max_steps=STEPS * problem.stopping.max_steps)
+        solver = SparseField(start, problem.speed, SparseFieldOptions(max_time_step=unit), rule)
         first = len(self.history)
-        for _ in range(STEPS * rule.max_steps):
-            record = solver.step()
-            if record is None:
-                return 2
+
+        def told(record: MarchRecord) -> bool:
             self.history.append(replace(record, nit=first + record.nit))
-            if self.tell(solver, phase, record.travel):
-                return 3
-            slow = record.rms_travel * unit < rule.tolerance * problem.spacing * record.time_step
-            calm = calm + 1 if slow else 0
-            if calm >= rule.patience or solver.time >= rule.max_time * (1 - 1e-12):
-                return 0
-        return 1
+            return self.tell(solver, phase, record.travel)
+
+        status = rule.run(solver.step, told, problem.spacing, unit=unit)
+        return solver.field.redistanced(start.band), status
 
     def tell(self, now: SparseField | GridField, phase: str, travel: float = 0.0) -> bool:
         """Tell the callback of the field; whether the run ends."""

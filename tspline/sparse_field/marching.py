@@ -139,22 +139,14 @@ class March(ABC):
         first : int
             Steps already taken before this run, added to the callback's `nit`.
         """
-        rule, cell = self.stopping, float(self.grid.spacing.min())
-        status, calm = 1, 0
-        for _ in range(rule.max_steps):
-            record = self.step()
-            if record is None:
-                status = 2
-                break
-            if callback is not None:
-                told = MarchStep(first + record.nit, "evolve", self.field, record.travel, record.num_nodes)
-                if callback(told) is True:
-                    status = 3
-                    break
-            calm = calm + 1 if record.rms_travel < rule.tolerance * cell else 0
-            if calm >= rule.patience or self.time >= rule.max_time * (1 - 1e-12):
-                status = 0
-                break
+
+        def told(record: MarchRecord) -> bool:
+            if callback is None:
+                return False
+            step = MarchStep(first + record.nit, "evolve", self.field, record.travel, record.num_nodes)
+            return callback(step) is True
+
+        status = self.stopping.run(self.step, told, float(self.grid.spacing.min()))
         return MarchResult(
             self.field, status == 0, status, MESSAGES[status], len(self.history), self.time, self.history
         )

@@ -1,8 +1,10 @@
-"""When a run ends, and how."""
+"""When a run ends, and how: one rule for all solvers."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol, TypeVar
 
 from tspline.errors import require
 
@@ -15,6 +17,25 @@ MESSAGES = {
     2: "the zero set vanished",
     3: "stopped by the callback",
 }
+
+
+class Record(Protocol):
+    """What the rule looks at in a solver's figures of one step."""
+
+    @property
+    def time(self) -> float:
+        """Time reached."""
+
+    @property
+    def time_step(self) -> float:
+        """Step taken."""
+
+    @property
+    def rms_travel(self) -> float:
+        """Root mean square of the motion over the zero set, caller's units."""
+
+
+R = TypeVar("R", bound=Record)
 
 
 @dataclass(frozen=True)
@@ -44,3 +65,39 @@ class StoppingRule:
         require(self.max_time > 0, "max_time", self.max_time, "a positive time")
         require(self.tolerance >= 0, "tolerance", self.tolerance, "a number >= 0")
         require(self.patience >= 1, "patience", self.patience, "at least 1")
+
+    def run(
+        self, step: Callable[[], R | None], told: Callable[[R], bool], cell: float, *, unit: float | None = None
+    ) -> int:
+        """Step until the rule says so.
+
+        Parameters
+        ----------
+        step : callable
+            Makes a step; None when the zero set has vanished.
+        told : callable
+            Tells the caller of a step; True ends the run.
+        cell : float
+            Side of the smallest cell, caller's units.
+        unit : float, optional
+            Time in which the travel at the step's pace is measured, for solvers whose steps are shorter than their
+            problem asks for; by default the step's own.
+
+        Returns
+        -------
+        int
+            A key of `MESSAGES`.
+        """
+        calm = 0
+        for _ in range(self.max_steps):
+            record = step()
+            if record is None:
+                return 2
+            if told(record):
+                return 3
+            travel = record.rms_travel if unit is None else record.rms_travel * unit / record.time_step
+            calm = calm + 1 if travel < self.tolerance * cell else 0
+            # A last step that ends at `max_time` may miss it by rounding.
+            if calm >= self.patience or record.time >= self.max_time * (1 - 1e-12):
+                return 0
+        return 1

@@ -15,7 +15,6 @@ from recon.problem import point_problem, refinement, refinement_problem
 from recon.start import Field, chamber_field, circle_field, flipped, missed_lines, unsupported_lines
 from tspline.grid import Grid, GridField
 from tspline.sparse_field import GridRun
-from tspline.speed import AttractionSpeed, Problem
 
 __all__ = ["PlanarGridFit"]
 
@@ -80,8 +79,7 @@ class PlanarGridFit:
         for level in range(SHRINK_LEVELS[0], SHRINK_LEVELS[1] + 1):
             cell = 0.5**level
             problem = point_problem(self.cloud.points, begin, self.settings.gap, cell)
-            grid = Grid.around(problem.bounds, SHRINK_SPACING * cell)
-            start = self.run.begun(problem, grid)
+            start = _gridded(begin, SHRINK_SPACING * cell)
             if self.run.tell(start, "evolve"):
                 return start, 3
             now, status = self.run.solve(problem, start, unit=0.5 * cell)
@@ -148,6 +146,4 @@ def curve_samples(now: GridField) -> tuple[Floats, Floats]:
 
 def _gridded(begin: Field, spacing: float) -> GridField:
     """A field over the unit box on a grid."""
-    bounds = np.array([[0.0, 0.0], [1.0, 1.0]])
-    start = Problem(AttractionSpeed(bounds, reach=1.0), begin, bounds, spacing)
-    return GridRun.begun(start, Grid.around(bounds, spacing))
+    return GridRun.begun(begin, Grid.around([[0.0, 0.0], [1.0, 1.0]], spacing))

@@ -19,7 +19,7 @@ from recon.surface_start import SurfaceStart
 from tspline.contour import triangulate
 from tspline.grid import Grid, GridField
 from tspline.sparse_field import GridRun
-from tspline.speed import AttractionSpeed, Problem
+from tspline.speed import AttractionSpeed
 
 __all__ = ["SpatialGridFit"]
 
@@ -79,7 +79,7 @@ class SpatialGridFit:
             noise=max(self.noise, SURE * spacing),
         )
         problem = refinement_problem(speed, start.field if begin is None else begin)
-        first = self.run.begun(problem, Grid.around(UNIT, step))
+        first = self.run.begun(problem.initial, Grid.around(UNIT, step))
         if self.run.tell(first, "evolve"):
             return first, self._residuals(first), 3
         now, status = self.run.solve(problem, first, unit=TIME_STEP, phase="polish")
@@ -93,7 +93,7 @@ class SpatialGridFit:
         for level in range(SHRINK_LEVELS[0], SHRINK_LEVELS[1] + 1):
             cell = 0.5**level
             problem = point_problem(thinned(points, cell / POINTS_A_SIDE), begin, self.settings.gap, cell)
-            start = self.run.begun(problem, Grid.around(UNIT, SHRINK_SPACING * cell))
+            start = self.run.begun(begin, Grid.around(UNIT, SHRINK_SPACING * cell))
             if self.run.tell(start, "evolve"):
                 return start, 3
             now, status = self.run.solve(problem, start, unit=0.5 * cell)
@@ -123,10 +123,7 @@ class SpatialGridFit:
             filled: Floats = np.where(lost[part], sign[part] * np.maximum(np.abs(value), least), value)
             return filled
 
-        return GridRun.begun(Problem(self._none(), without, UNIT, least), now.grid)
-
-    def _none(self) -> AttractionSpeed:
-        return AttractionSpeed(self.cloud.points[:1], reach=1.0)
+        return self.run.begun(without, now.grid)
 
     def _residuals(self, now: GridField) -> Floats:
         residuals: Floats = now(self.cloud.points)

@@ -18,7 +18,6 @@ from segment.raster import mask_field
 from segment.start import Start, chamber_start
 from tspline.grid import Grid, GridField
 from tspline.sparse_field import GridRun, MarchStep
-from tspline.speed import AttractionSpeed, Problem
 
 __all__ = ["GridSegmentation"]
 
@@ -142,5 +141,4 @@ class GridSegmentation:
         return Grid((last - first + 1).tolist(), float(scale), (first + 0.5) * scale - 0.5)
 
     def _gridded(self, begin: Callable[[FloatArray], FloatArray], scale: int) -> GridField:
-        none = AttractionSpeed(np.zeros((1, 2)), reach=1.0)
-        return GridRun.begun(Problem(none, begin, self.frame.bounds, float(scale)), self._grid(scale))
+        return self.run.begun(begin, self._grid(scale))

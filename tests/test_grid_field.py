@@ -71,6 +71,21 @@ def test_the_order_is_the_fourth(rng: np.random.Generator) -> None:
     assert np.log2(errors[1] / errors[2]) > 3.9
 
 
+def test_derivatives_lose_an_order_each(rng: np.random.Generator) -> None:
+    points = rng.uniform(-0.4, 0.4, (200, 3))
+    a, b = 2 * points[:, 0], 1.5 * points[:, 1]
+    exact_gradient = np.stack([2 * np.cos(a) * np.cos(b), -1.5 * np.sin(a) * np.sin(b), 0.6 * points[:, 2]], axis=1)
+    exact_mixed = -3 * np.cos(a) * np.sin(b)
+    errors = []
+    for cells in (20, 40):
+        x, y, z = np.moveaxis(box(3, cells).nodes(), -1, 0)
+        field = GridField(box(3, cells), np.sin(2 * x) * np.cos(1.5 * y) + 0.3 * z**2)
+        gradient, mixed = field.gradient(points), field.hessian(points)[:, 0, 1]
+        errors.append([np.abs(gradient - exact_gradient).max(), np.abs(mixed - exact_mixed).max()])
+    orders = np.log2(np.array(errors[0]) / errors[1])
+    assert np.all(orders > [2.7, 1.8]), orders
+
+
 def test_outside_there_is_nothing() -> None:
     field = GridField(box(2, 8), np.ones((9, 9)))
     outer = np.array([[1.1, 0.0], [0.0, -1.0001], [np.nan, 0.0], [np.inf, 0.0]])

@@ -9,9 +9,9 @@ import numpy as np
 
 from tspline import _core
 from tspline.evolve.options import EvolveOptions
-from tspline.evolve.result import MESSAGES, EvolutionResult, StepRecord
+from tspline.evolve.result import EvolutionResult, StepRecord
 from tspline.evolve.zero_set import Floats, SplineState, zero_set_samples
-from tspline.speed import LevelSetSamples, Speed, SpeedTerms, StoppingRule
+from tspline.speed import MESSAGES, LevelSetSamples, Speed, SpeedTerms, StoppingRule
 from tspline.spline import TSpline
 
 __all__ = ["Evolution", "EvolutionStep"]
@@ -204,23 +204,13 @@ class Evolution:
         first : int
             Steps already taken before this run, added to the callback's `nit`.
         """
-        rule = self.stopping
-        status, calm = 1, 0
-        for _ in range(rule.max_steps):
-            record = self.step()
-            if record is None:
-                status = 2
-                break
-            if callback is not None:
-                spline = self._spline
-                told = EvolutionStep(first + record.nit, "evolve", spline, record.travel, spline.num_coefficients)
-                if callback(told) is True:
-                    status = 3
-                    break
-            calm = calm + 1 if record.rms_travel < rule.tolerance * self._spline.mesh.finest else 0
-            if calm >= rule.patience or self.time >= rule.max_time * (1 - 1e-12):
-                status = 0
-                break
+
+        def told(record: StepRecord) -> bool:
+            spline = self._spline
+            step = EvolutionStep(first + record.nit, "evolve", spline, record.travel, spline.num_coefficients)
+            return callback is not None and callback(step) is True
+
+        status = self.stopping.run(self.step, told, self._spline.mesh.finest)
         return EvolutionResult(
             self._spline, status == 0, status, MESSAGES[status], len(self.history), self.time, self.history
         )

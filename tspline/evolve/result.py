@@ -8,14 +8,6 @@ from tspline.spline import TSpline
 
 __all__ = ["EvolutionResult", "StepRecord"]
 
-#: Outcomes; `EvolutionResult.status` is the key.
-MESSAGES = {
-    0: "converged",
-    1: "the step limit was reached before the zero set came to rest",
-    2: "the zero set vanished",
-    3: "stopped by the callback",
-}
-
 
 @dataclass(frozen=True)
 class StepRecord:

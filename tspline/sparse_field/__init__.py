@@ -1,6 +1,5 @@
 """Evolution of level sets on grids."""
 
-from tspline.sparse_field.cubic_field import CubicField
 from tspline.sparse_field.dense import DenseSolver
 from tspline.sparse_field.front import SparseField, SparseFieldOptions
 from tspline.sparse_field.grid_run import GridRun
@@ -11,7 +10,6 @@ from tspline.sparse_field.semi_lagrangian import SemiLagrangian
 from tspline.sparse_field.time_step import time_step_bound
 
 __all__ = [
-    "CubicField",
     "DenseSolver",
     "GridRun",
     "March",

@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tspline.sparse_field.cubic_field import CubicField
+from tspline.grid import GridField
 from tspline.sparse_field.feet import Feet, crossings
+from tspline.sparse_field.grid_state import GridState
 from tspline.sparse_field.marching import MarchRecord
 from tspline.sparse_field.scheme import Scheme
 from tspline.sparse_field.stencil import Stencil
-from tspline.speed import SpeedTerms
+from tspline.speed import LevelSetSamples, SpeedTerms
 
 __all__ = ["DenseSolver"]
 
@@ -26,7 +27,7 @@ class DenseSolver(Scheme):
 
     Parameters
     ----------
-    field : NodeField
+    field : GridField
         The start; f < 0 inside, near a distance at the zero set.
     speed : Speed
         Terms at samples; caller's units.
@@ -43,32 +44,31 @@ class DenseSolver(Scheme):
     Examples
     --------
     >>> import numpy as np
-    >>> from tspline.grid import Grid
-    >>> from tspline.sparse_field import CubicField, DenseSolver
+    >>> from tspline.grid import Grid, GridField
+    >>> from tspline.sparse_field import DenseSolver
     >>> from tspline.speed import ConstantSpeed
     >>> grid = Grid.around([[-1, -1], [1, 1]], 0.1)
-    >>> circle = CubicField(grid, np.linalg.norm(grid.nodes(), axis=-1) - 0.5)
+    >>> circle = GridField(grid, np.linalg.norm(grid.nodes(), axis=-1) - 0.5)
     >>> step = DenseSolver(circle, ConstantSpeed(1.0)).step()
     """
 
     def step(self) -> MarchRecord | None:
         """One step; None when the zero set has vanished and nothing is left to move."""
         stencil = self._stencil()
-        feet = self._feet(self._values, self.time, stencil)
-        if feet is None:
+        samples = self._samples(self._values, self.time, stencil)
+        if samples is None:
             return None
-        self.speed.prepare(feet.field)
-        samples = feet.samples()
+        self.speed.prepare(samples.state)
         terms = self.speed(samples)
         step = self._bounded(terms, samples)
         start = stencil.at(self._values)
         moved = start + step * self._rates(self._values, terms, stencil)
         if self.options.order == 2:
             between = self._with(stencil, moved)
-            later = self._feet(between, self.time + step, stencil)
+            later = self._samples(between, self.time + step, stencil)
             # A zero set that vanishes within the step has no second stage.
             if later is not None:
-                rates = self._rates(between, self.speed(later.samples()), stencil)
+                rates = self._rates(between, self.speed(later), stencil)
                 moved = 0.5 * (start + moved + step * rates)
         self._values = self._with(stencil, moved)
         self.time += step
@@ -86,11 +86,13 @@ class DenseSolver(Scheme):
         if every and len(self.history) % every == 0:
             self.redistance()
 
-    def _feet(self, values: Floats, time: float, stencil: Stencil) -> Feet | None:
+    def _samples(self, values: Floats, time: float, stencil: Stencil) -> LevelSetSamples | None:
         """Foot points of the nodes that move; None without a zero set."""
-        field = CubicField(self.grid, values, time)
+        field = GridField(self.grid, values)
         found = crossings(field, stencil)
-        return Feet.of(field, stencil.points, found, self._reach) if len(found) else None
+        if not len(found):
+            return None
+        return Feet.of(field, stencil.points, found, self._reach).samples(GridState(lambda: field, time))
 
     def _with(self, stencil: Stencil, moved: Floats) -> Floats:
         """All values, those of the nodes that move replaced."""

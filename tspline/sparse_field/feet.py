@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from tspline.sparse_field.cubic_field import CubicField
+from tspline.grid import GridField
+from tspline.sparse_field.grid_state import GridState
 from tspline.sparse_field.stencil import Stencil
 from tspline.speed import LevelSetSamples
 
@@ -30,20 +31,17 @@ class Feet:
 
     Attributes
     ----------
-    field : CubicField
-        Whose zero set it is.
     points : ndarray, shape (m, d)
         Foot points.
     distance : ndarray, shape (m,)
         Unsigned distances from there, caller's units.
     """
 
-    field: CubicField
     points: Floats
     distance: Floats
 
     @classmethod
-    def of(cls, field: CubicField, places: Floats, found: Floats, reach: float) -> Feet:
+    def of(cls, field: GridField, places: Floats, found: Floats, reach: float) -> Feet:
         """Foot points of `places` (m, d), exact within `reach`, beyond it one of the points `found` (k, d)."""
         distance, nearest = cKDTree(found).query(places)
         points = found[nearest]
@@ -52,24 +50,24 @@ class Feet:
         refined = np.linalg.norm(places[near] - feet, axis=1)
         # A step that went astray ends off the zero set, or further away than the start.
         better = refined <= distance[near] * (1 + 1e-9)
-        better &= np.abs(field.f(feet)) <= 1e-3 * float(field.grid.spacing.min())
+        better &= np.abs(field(feet)) <= 1e-3 * field.resolution
         points[near[better]] = feet[better]
         distance[near[better]] = refined[better]
-        return cls(field, points, distance)
+        return cls(points, distance)
 
-    def samples(self) -> LevelSetSamples:
-        """The foot points as samples; weights smear the zero set over nodes within 1.5 spacings."""
-        _, gradient, _ = self.field.jet(self.points, 1)
+    def samples(self, state: GridState) -> LevelSetSamples:
+        """The foot points as samples of their field; weights smear the zero set over nodes within 1.5 spacings."""
+        gradient = state.field.gradient(self.points)
         norm = np.linalg.norm(gradient, axis=1)
         normals = gradient / np.maximum(norm, 1e-12)[:, None]
-        h = self.field.grid.spacing
+        h = state.field.spacing
         width = 1.5 * float(h.max())
         near = self.distance < width
         weights = np.where(near, (1.0 + np.cos(np.pi * self.distance / width)) / (2.0 * width), 0.0) * np.prod(h)
-        return LevelSetSamples(self.points, normals, weights, norm, self.field.time, self.field)
+        return LevelSetSamples(self.points, normals, weights, norm, state.time, state)
 
 
-def crossings(field: CubicField, stencil: Stencil) -> Floats:
+def crossings(field: GridField, stencil: Stencil) -> Floats:
     """Points of the zero set (k, d), one for each side of the grid between nodes of different sign."""
     values, grid = field.values, field.grid
     here = stencil.at(values)
@@ -81,23 +79,23 @@ def crossings(field: CubicField, stencil: Stencil) -> Floats:
         index[:, axis] += here[cut] / (here[cut] - ahead[cut])
         parts.append(grid.from_index(index))
     points = np.concatenate(parts)
-    limit = 0.5 * float(grid.spacing.min())
+    limit = 0.5 * field.resolution
     for _ in range(STEPS if len(points) else 0):
-        value, gradient, _ = field.jet(points, 1)
+        value, gradient = field(points), field.gradient(points)
         square = np.einsum("kq,kq->k", gradient, gradient)
         # Where the gradient tells nothing the linear crossing stays as it is.
         step = np.clip(value / np.maximum(square, 0.01), -limit, limit)
-        points = points - step[:, None] * gradient
+        points = np.clip(points - step[:, None] * gradient, *field.bounds)
     return points
 
 
-def _newton(field: CubicField, places: Floats, start: Floats) -> Floats:
+def _newton(field: GridField, places: Floats, start: Floats) -> Floats:
     """Solve x = p + lambda grad f(p), f(p) = 0 for p by Newton's method."""
     m, d = places.shape
     p = start.copy()
-    value, gradient, hessian = field.jet(p, 2)
+    value, gradient, hessian = field(p), field.gradient(p), field.hessian(p)
     multiplier = np.einsum("mq,mq->m", places - p, gradient) / np.maximum(np.sum(gradient**2, axis=1), 1e-12)
-    limit = float(field.grid.spacing.max())
+    limit = float(field.spacing.max())
     matrix, right = np.zeros((m, d + 1, d + 1)), np.zeros((m, d + 1, 1))
     for _ in range(STEPS):
         # The small parts keep the solve going in centres of curvature and without a gradient; the solution is the same.
@@ -109,6 +107,6 @@ def _newton(field: CubicField, places: Floats, start: Floats) -> Floats:
         step = np.linalg.solve(matrix, right)[..., 0]
         length = np.linalg.norm(step[:, :d], axis=1)
         step *= np.minimum(1.0, limit / np.maximum(length, 1e-300))[:, None]
-        p, multiplier = p + step[:, :d], multiplier + step[:, d]
-        value, gradient, hessian = field.jet(p, 2)
+        p, multiplier = np.clip(p + step[:, :d], *field.bounds), multiplier + step[:, d]
+        value, gradient, hessian = field(p), field.gradient(p), field.hessian(p)
     return p

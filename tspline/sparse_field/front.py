@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from tspline import _core
 from tspline.errors import require
 from tspline.grid import GridField
-from tspline.sparse_field.front_samples import FrontSamples, FrontState
+from tspline.sparse_field.front_samples import FrontSamples
+from tspline.sparse_field.grid_state import GridState
 from tspline.sparse_field.marching import March, MarchRecord
 from tspline.sparse_field.time_step import time_step_bound
 from tspline.speed import Speed, SpeedTerms, StoppingRule
@@ -135,7 +136,7 @@ class SparseField(March):
         """One step; None when the zero set has vanished and nothing is left to move."""
         if self._core.num_active == 0:
             return None
-        state = FrontState(self._core, self.grid, self.time)
+        state = GridState(lambda: self.field, self.time)
         self.speed.prepare(state)
         samples = FrontSamples(self._core, self.grid, state, staged=False, time=self.time)
         terms = self.speed(samples)
@@ -167,7 +168,7 @@ class SparseField(March):
             step = 1.0 if not np.isfinite(self.stopping.max_time) else self.stopping.max_time
         return self._until_end(step)
 
-    def _stages(self, terms: SpeedTerms, state: FrontState, step: float) -> tuple[float, float]:
+    def _stages(self, terms: SpeedTerms, state: GridState, step: float) -> tuple[float, float]:
         moved = self._advance(terms, step, staged=False)
         if self.options.order == 1 or moved[0] > 0.5:
             return moved

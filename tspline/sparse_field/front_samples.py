@@ -8,53 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tspline import _core
-from tspline.grid import Grid, GridField
+from tspline.grid import Grid
+from tspline.sparse_field.grid_state import GridState
 from tspline.speed import LevelSetSamples
 
-__all__ = ["FrontSamples", "FrontState"]
+__all__ = ["FrontSamples"]
 
 Floats = NDArray[np.float64]
-
-
-class FrontState:
-    """What a speed may ask of the field that moves.
-
-    Parameters
-    ----------
-    core : _core.SparseField
-        The layers.
-    grid : Grid
-        Their nodes.
-    time : float
-        Time reached.
-    """
-
-    def __init__(self, core: _core.SparseField, grid: Grid, time: float) -> None:
-        self._core, self._grid = core, grid
-        self.time = time
-
-    @cached_property
-    def field(self) -> GridField:
-        """The field now; a copy of the band."""
-        return GridField(self._grid, self._core.blocks())
-
-    def f(self, points: Floats) -> Floats:
-        """Values at points (k, d), shape (k,); beyond the band they have its width for magnitude."""
-        return self.field(points)
-
-    def inside(self, points: Floats) -> NDArray[np.bool_]:
-        """Whether f < 0 at points (k, d), shape (k,)."""
-        return self.f(points) < 0
-
-    def curvatures(self, points: Floats) -> Floats:
-        """kappa = div n at points (k, d) in the band, shape (k,)."""
-        return self.field.curvatures(points)
-
-    def principal_curvatures(self, points: Floats) -> Floats:
-        """k1 >= k2 at points (k, 3), shape (k, 2); in the plane kappa alone, shape (k, 1)."""
-        if self._grid.dim == 2:
-            return self.curvatures(points)[:, None]
-        return self.field.principal_curvatures(points)
 
 
 class FrontSamples(LevelSetSamples):
@@ -64,7 +24,7 @@ class FrontSamples(LevelSetSamples):
     were made for.
     """
 
-    def __init__(self, core: _core.SparseField, grid: Grid, state: FrontState, *, staged: bool, time: float) -> None:
+    def __init__(self, core: _core.SparseField, grid: Grid, state: GridState, *, staged: bool, time: float) -> None:
         # Frozen, as its parent is: attributes go round the lock.
         self.__dict__.update(_core=core, _grid=grid, _staged=staged, state=state, time=time, _count=core.num_active)
 

@@ -5,12 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from tspline.grid import Grid, GridField
 from tspline.sparse_field.front import SparseField, SparseFieldOptions
 from tspline.sparse_field.marching import MarchRecord, MarchStep
-from tspline.speed import Problem, StoppingRule
+from tspline.speed import Problem
 
 __all__ = ["GridRun"]
+
+Floats = NDArray[np.float64]
 
 #: Width of the band of values, in spacings.
 BAND = 8.0
@@ -37,24 +42,24 @@ class GridRun:
     stopped: bool = False
 
     @staticmethod
-    def begun(problem: Problem, grid: Grid) -> GridField:
-        """The problem's start on a grid: the signed distance from its zero set, in a band."""
+    def begun(initial: Callable[[Floats], Floats], grid: Grid) -> GridField:
+        """A start, such as `Problem.initial`, on a grid: the signed distance from its zero set, in a band."""
         band = BAND * float(grid.spacing.max())
-        if isinstance(problem.initial, GridField):
-            return problem.initial.rescaled(grid, band=band)
-        return GridField.from_function(grid, problem.initial, band=band).redistanced()
+        if isinstance(initial, GridField):
+            return initial.rescaled(grid, band=band)
+        return GridField.from_function(grid, initial, band=band).redistanced()
 
     def solve(
-        self, problem: Problem, start: Grid | GridField, *, unit: float = 1.0, phase: str = "evolve"
+        self, problem: Problem, start: GridField, *, unit: float = 1.0, phase: str = "evolve"
     ) -> tuple[GridField, int]:
         """Move the start until it rests.
 
         Parameters
         ----------
         problem : Problem
-            Speed and stopping rule; the start too, where `start` is a grid.
-        start : Grid or GridField
-            Where to solve it, or what to go on from.
+            Speed and stopping rule.
+        start : GridField
+            What to go on from: the problem's own start (`begun`), or what came of another one.
         unit : float
             Longest time step. The zero set is at rest when it would move by less than the rule's tolerance, in
             `problem.spacing`, in this time: a grid's own steps may be far shorter.
@@ -68,32 +73,16 @@ class GridRun:
         status : int
             0 converged, 1 step limit, 2 the zero set vanished, 3 stopped by the callback.
         """
-        before = self.begun(problem, start) if isinstance(start, Grid) else start
-        rule = problem.stopping
-        solver = SparseField(
-            before,
-            problem.speed,
-            SparseFieldOptions(max_time_step=unit),
-            StoppingRule(max_time=rule.max_time),
-        )
-        status = self._steps(solver, problem, unit, phase)
-        return solver.field.redistanced(before.band), status
-
-    def _steps(self, solver: SparseField, problem: Problem, unit: float, phase: str) -> int:
-        rule, calm = problem.stopping, 0
+        rule = replace(problem.stopping, max_steps=STEPS * problem.stopping.max_steps)
+        solver = SparseField(start, problem.speed, SparseFieldOptions(max_time_step=unit), rule)
         first = len(self.history)
-        for _ in range(STEPS * rule.max_steps):
-            record = solver.step()
-            if record is None:
-                return 2
+
+        def told(record: MarchRecord) -> bool:
             self.history.append(replace(record, nit=first + record.nit))
-            if self.tell(solver, phase, record.travel):
-                return 3
-            slow = record.rms_travel * unit < rule.tolerance * problem.spacing * record.time_step
-            calm = calm + 1 if slow else 0
-            if calm >= rule.patience or solver.time >= rule.max_time * (1 - 1e-12):
-                return 0
-        return 1
+            return self.tell(solver, phase, record.travel)
+
+        status = rule.run(solver.step, told, problem.spacing, unit=unit)
+        return solver.field.redistanced(start.band), status
 
     def tell(self, now: SparseField | GridField, phase: str, travel: float = 0.0) -> bool:
         """Tell the callback of the field; whether the run ends."""

@@ -7,16 +7,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 
 from tspline.grid import Grid, GridField
-from tspline.speed import Speed, StoppingRule
+from tspline.speed import MESSAGES, Speed, StoppingRule
 
 __all__ = ["March", "MarchRecord", "MarchResult", "MarchStep"]
-
-MESSAGES = {
-    0: "converged",
-    1: "the step limit was reached before the zero set came to rest",
-    2: "the zero set vanished",
-    3: "stopped by the callback",
-}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -146,22 +139,14 @@ class March(ABC):
         first : int
             Steps already taken before this run, added to the callback's `nit`.
         """
-        rule, cell = self.stopping, float(self.grid.spacing.min())
-        status, calm = 1, 0
-        for _ in range(rule.max_steps):
-            record = self.step()
-            if record is None:
-                status = 2
-                break
-            if callback is not None:
-                told = MarchStep(first + record.nit, "evolve", self.field, record.travel, record.num_nodes)
-                if callback(told) is True:
-                    status = 3
-                    break
-            calm = calm + 1 if record.rms_travel < rule.tolerance * cell else 0
-            if calm >= rule.patience or self.time >= rule.max_time * (1 - 1e-12):
-                status = 0
-                break
+
+        def told(record: MarchRecord) -> bool:
+            if callback is None:
+                return False
+            step = MarchStep(first + record.nit, "evolve", self.field, record.travel, record.num_nodes)
+            return callback(step) is True
+
+        status = self.stopping.run(self.step, told, float(self.grid.spacing.min()))
         return MarchResult(
             self.field, status == 0, status, MESSAGES[status], len(self.history), self.time, self.history
         )

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from tspline.grid import GridField
 from tspline.sparse_field.dense import DenseSolver
-from tspline.sparse_field.scheme import NodeField, SchemeOptions
+from tspline.sparse_field.scheme import SchemeOptions
 from tspline.sparse_field.stencil import Stencil
 from tspline.speed import Speed, StoppingRule
 
@@ -32,7 +33,7 @@ class NarrowBand(DenseSolver):
 
     def __init__(
         self,
-        field: NodeField,
+        field: GridField,
         speed: Speed,
         options: SchemeOptions | None = None,
         stopping: StoppingRule | None = None,

@@ -3,35 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tspline.errors import require
-from tspline.grid import Grid, GridField
-from tspline.sparse_field.cubic_field import CubicField
+from tspline.grid import GridField
 from tspline.sparse_field.feet import Feet, crossings
 from tspline.sparse_field.marching import March, MarchRecord
 from tspline.sparse_field.stencil import Stencil
 from tspline.sparse_field.time_step import time_step_bound
 from tspline.speed import LevelSetSamples, Speed, SpeedTerms, StoppingRule
 
-__all__ = ["NodeField", "Scheme", "SchemeOptions"]
+__all__ = ["Scheme", "SchemeOptions"]
 
 Floats = NDArray[np.float64]
-
-
-class NodeField(Protocol):
-    """Values on the nodes of a grid, such as `CubicField` and `GridField`; f < 0 inside."""
-
-    @property
-    def grid(self) -> Grid:
-        """Places of the nodes."""
-
-    @property
-    def values(self) -> Floats:
-        """All values, shape (*grid.shape)."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -76,7 +62,7 @@ class Scheme(March):
 
     Parameters
     ----------
-    field : NodeField
+    field : GridField
         The start; f < 0 inside, near a distance at the zero set. One that is kept in a band only is made a distance
         beyond it.
     speed : Speed
@@ -89,17 +75,16 @@ class Scheme(March):
 
     def __init__(
         self,
-        field: NodeField,
+        field: GridField,
         speed: Speed,
         options: SchemeOptions | None = None,
         stopping: StoppingRule | None = None,
     ) -> None:
         super().__init__(field.grid, speed, stopping)
         self.options = options or SchemeOptions()
-        require(bool(np.isfinite(field.values).all()), "field", "values that are not finite", "finite values")
-        self._values = np.array(field.values, dtype=np.float64)
+        self._values = field.values
         self._all = Stencil(self.grid)
-        if np.isfinite(getattr(field, "band", np.inf)):
+        if np.isfinite(field.band):
             self.redistance()
 
     @property
@@ -109,7 +94,7 @@ class Scheme(March):
 
     def redistance(self) -> None:
         """Make f a distance again: exact within the reach, to second order beyond it; the zero set stays."""
-        field = CubicField(self.grid, self._values, self.time)
+        field = self.field
         found = crossings(field, self._all)
         if len(found):
             distance = Feet.of(field, self._all.points, found, self._reach).distance.reshape(self.grid.shape)

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tspline.sparse_field.cubic_field import CubicField
+from tspline.grid import GridField
 from tspline.sparse_field.feet import Feet, crossings
+from tspline.sparse_field.grid_state import GridState
 from tspline.sparse_field.marching import MarchRecord
-from tspline.sparse_field.scheme import NodeField, Scheme, SchemeOptions
+from tspline.sparse_field.scheme import Scheme, SchemeOptions
 from tspline.sparse_field.time_step import time_step_bound
 from tspline.speed import LevelSetSamples, Speed, SpeedTerms, StoppingRule
 
@@ -33,7 +34,7 @@ class SemiLagrangian(Scheme):
 
     def __init__(
         self,
-        field: NodeField,
+        field: GridField,
         speed: Speed,
         options: SchemeOptions | None = None,
         stopping: StoppingRule | None = None,
@@ -43,36 +44,42 @@ class SemiLagrangian(Scheme):
 
     def step(self) -> MarchRecord | None:
         """One step; None when the zero set has vanished and nothing is left to move."""
-        field = CubicField(self.grid, self._values, self.time)
+        field = self.field
         found = crossings(field, self._all)
         if not len(found):
             return None
         places = self._all.points
-        self.speed.prepare(field)
-        samples = Feet.of(field, places, found, self._reach).samples()
+        state = GridState(lambda: field, self.time)
+        self.speed.prepare(state)
+        samples = Feet.of(field, places, found, self._reach).samples(state)
         terms = self.speed(samples)
         step = self._bounded(terms, samples)
         first = _motion(terms, samples)
-        moved = field.f(places - step * first)
+        moved = self._fetched(field, places - step * first)
         if self.options.order == 2:
-            moved = self._second(field, found, places, moved, step)
+            moved = self._second(state, found, moved, step)
         self._values = moved.reshape(self.grid.shape)
         self.time += step
         record = self._record(terms, samples, step)
         self.redistance()
         return record
 
-    def _second(self, field: CubicField, found: Floats, places: Floats, moved: Floats, step: float) -> Floats:
+    def _second(self, state: GridState, found: Floats, moved: Floats, step: float) -> Floats:
         """The mean of the motion at both ends of the characteristics."""
-        later = CubicField(self.grid, moved.reshape(self.grid.shape), self.time + step)
+        places = self._all.points
+        later = GridField(self.grid, moved.reshape(self.grid.shape))
         there = crossings(later, self._all)
         if not len(there):
             return moved
-        samples = Feet.of(later, places, there, self._reach).samples()
+        samples = Feet.of(later, places, there, self._reach).samples(GridState(lambda: later, self.time + step))
         end = _motion(self.speed(samples), samples)
-        back = Feet.of(field, places - step * end, found, self._reach).samples()
+        back = Feet.of(state.field, places - step * end, found, self._reach).samples(state)
         start = _motion(self.speed(back), back)
-        return field.f(places - 0.5 * step * (start + end))
+        return self._fetched(state.field, places - 0.5 * step * (start + end))
+
+    def _fetched(self, field: GridField, places: Floats) -> Floats:
+        """Values (k,) at places (k, d); from beyond the grid those of the nearest places on its border."""
+        return field(np.clip(places, *self.grid.bounds))
 
     def _bounded(self, terms: SpeedTerms, samples: LevelSetSamples) -> float:
         """No motion by more than `courant` spacings, and curvature within its bound."""
@@ -80,7 +87,7 @@ class SemiLagrangian(Scheme):
         speed = np.linalg.norm(_motion(replace(terms, smoothing=None), samples), axis=1)
         rate = float(speed.max(initial=0.0)) / (self.options.courant * h)
         bent = SpeedTerms(np.zeros_like(terms.normal), None, terms.smoothing, terms.diffusivity)
-        # Half the bound, as cubic interpolation sharpens the shortest waves.
+        # Half the bound, as second derivatives between the nodes are up to 5 / 3 of the central differences.
         rate += 2.0 / time_step_bound(bent, self.grid.spacing)
         return self._limited(1.0 / rate if rate > 0 else 1.0)
 

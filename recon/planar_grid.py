@@ -25,7 +25,7 @@ MOST_NODES = 4096
 #: Part of a cell of the shrinking contour's T-mesh that one spacing of its grid is.
 SHRINK_SPACING = 1 / 3
 #: Time step of the refinement at most: residuals fall at a rate of about 1.
-TIME_STEP = 0.3
+TIME_STEP = 0.5
 #: How often the spacing is halved for parts that are too narrow for it.
 HALVINGS = 2
 

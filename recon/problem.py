@@ -92,9 +92,9 @@ def refinement(
     )
 
 
-def refinement_problem(speed: AttractionSpeed, start: Field) -> Problem:
-    """The refinement of a start as a problem: from there to rest, or until a thousandth of the way is left."""
+def refinement_problem(speed: AttractionSpeed, start: Field, left: float = 1e-3) -> Problem:
+    """The refinement of a start as a problem: from there to rest, or until the part `left` of the way is left."""
     dim = speed.targets.shape[1]
     bounds = np.array([[0.0] * dim, [1.0] * dim])
-    rule = StoppingRule(max_steps=100, max_time=7.0, tolerance=2e-3)
+    rule = StoppingRule(max_steps=100, max_time=-float(np.log(left)), tolerance=2e-3)
     return Problem(speed, start, bounds, speed.reach, rule)

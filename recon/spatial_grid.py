@@ -37,7 +37,9 @@ CLEAN = 0.12
 #: Residuals of clean points that are no sign of a stranger, in spacings.
 SURE = 0.25
 #: Time step of the refinement at most: residuals fall at a rate of about 1.
-TIME_STEP = 0.4
+TIME_STEP = 0.8
+#: Part of the way to the data that may be left: starts are off by a fraction of the spacing.
+LEFT = 0.02
 #: Levels of the meshes on which T-splines shrink to the data; the grid's spacing is a part of their cells.
 SHRINK_LEVELS, SHRINK_SPACING = (5, 6), 1 / 2
 #: Points that the speed looks at, a cell along each axis.
@@ -78,7 +80,7 @@ class SpatialGridFit:
             smoothing_length=smoothing,
             noise=max(self.noise, SURE * spacing),
         )
-        problem = refinement_problem(speed, start.field if begin is None else begin)
+        problem = refinement_problem(speed, start.field if begin is None else begin, LEFT)
         first = self.run.begun(problem.initial, Grid.around(UNIT, step))
         if self.run.tell(first, "evolve"):
             return first, self._residuals(first), 3

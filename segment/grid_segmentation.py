@@ -28,7 +28,7 @@ SHRINK_SPACING = 2
 #: What the T-spline's cells are then, in those pixels.
 EVOLVE_CELL = 6.0
 #: Time step of the refinement at most: residuals fall at a rate of about 1.
-TIME_STEP = 0.3
+TIME_STEP = 0.5
 
 
 class GridSegmentation:

@@ -77,7 +77,7 @@ bench: $(VENV)/installed
 	$(RUN) -c 'from importlib.metadata import requires; \
 	    print(*(r.split(";")[0] for r in requires("tspline") if "benchmarks" in r), sep="\n")' > $(VENV)/peers.txt
 	$(PIP) install --quiet --requirement $(VENV)/peers.txt
-	for script in kernels curves paper_examples images scaling grid_solver surfaces; do \
+	for script in kernels curves paper_examples images scaling grid_solver cross_check surfaces; do \
 	    $(RUN) benchmarks/$$script.py || exit 1; done
 
 install: $(VENV)/installed

@@ -17,7 +17,7 @@ export PATH := $(CURDIR)/$(VENV)/bin:$(PATH)
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
-.PHONY: help demo test lint rust-tools types cargo-test python-test wheel bench pictures install clean
+.PHONY: help demo test lint rust-tools types cargo-test python-test wheel peers bench pictures install clean
 
 help:
 	@echo 'make demo         install into .venv and run the demonstration (demo-out/)'
@@ -27,6 +27,7 @@ help:
 	@echo 'make cargo-test   tests of the Rust kernels'
 	@echo 'make python-test  pytest'
 	@echo 'make wheel        a release wheel in dist/'
+	@echo 'make peers        what the benchmarks compare with, minutes'
 	@echo 'make bench        every benchmark beside its peers; minutes'
 	@echo 'make pictures     run the demonstration and renew the pictures of README.md'
 	@echo 'make install      only the environment'
@@ -73,10 +74,12 @@ wheel: $(VENV)/installed
 	$(PIP) wheel --no-build-isolation --no-deps --wheel-dir dist .
 
 # The peers are installed by themselves: those that come as sources bring build tools of their own.
-bench: $(VENV)/installed
+peers: $(VENV)/installed
 	$(RUN) -c 'from importlib.metadata import requires; \
 	    print(*(r.split(";")[0] for r in requires("tspline") if "benchmarks" in r), sep="\n")' > $(VENV)/peers.txt
 	$(PIP) install --quiet --requirement $(VENV)/peers.txt
+
+bench: peers
 	for script in kernels curves paper_examples images scaling grid_solver cross_check surfaces; do \
 	    $(RUN) benchmarks/$$script.py || exit 1; done
 

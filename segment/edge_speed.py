@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from segment.edges import EdgeField
+from segment.raster import depth
 from tspline.speed import LevelSetSamples, LevelSetState, SpeedTerms
 
 __all__ = ["EdgeSpeed"]
@@ -47,8 +47,7 @@ class EdgeSpeed:
         self.edges = edges
         self.balloon, self.stiffness, self.attraction = float(balloon), float(stiffness), float(attraction)
         self.haste = float(haste)
-        flat = (edges.g >= FLANK).astype(np.uint8)
-        self._distance = cv2.distanceTransform(flat, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        self._distance = depth(edges.g >= FLANK)
 
     def prepare(self, state: LevelSetState) -> None:
         """Nothing to prepare: g does not depend on the contour."""

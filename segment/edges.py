@@ -229,7 +229,8 @@ def _gradient(smoothed: Float32Array) -> tuple[Float32Array, Float32Array]:
     """Gradient vector and its length; for several channels the Di Zenzo tensor's largest eigenpair."""
     parts = [central_gradient(np.ascontiguousarray(smoothed[:, :, k])) for k in range(smoothed.shape[2])]
     if len(parts) == 1:
-        return parts[0], cv2.magnitude(parts[0][..., 0], parts[0][..., 1])
+        # cv2.magnitude rounds as the array happens to lie in memory, differently from run to run.
+        return parts[0], np.hypot(parts[0][..., 0], parts[0][..., 1])
     stack = np.stack(parts)
     rr, cc = (stack[..., 0] ** 2).sum(0), (stack[..., 1] ** 2).sum(0)
     rc = (stack[..., 0] * stack[..., 1]).sum(0)

@@ -7,10 +7,11 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
 
 from tspline.field import LevelSet
 
-__all__ = ["filled", "mask_field", "rasterised", "signed_distance"]
+__all__ = ["depth", "filled", "mask_field", "rasterised", "signed_distance"]
 
 BoolArray = NDArray[np.bool_]
 FloatArray = NDArray[np.float64]
@@ -19,14 +20,22 @@ FloatArray = NDArray[np.float64]
 SHIFT = 8
 
 
+def depth(mask: BoolArray) -> FloatArray:
+    """Distance of each pixel of a mask to the nearest one outside it, pixels; infinite where none is outside.
+
+    cv2.distanceTransform rounds as its array happens to lie in memory, differently from run to run.
+    """
+    if mask.all():
+        return np.full(mask.shape, np.inf)
+    return np.asarray(distance_transform_edt(mask), np.float64)
+
+
 def signed_distance(mask: BoolArray) -> NDArray[np.float32]:
     """Signed distance to a mask's outline, pixels, f < 0 inside; the outline runs half-way between pixel centres."""
-    inside = mask.astype(np.uint8)
-    if not inside.any():
+    if not mask.any():
         return np.full(mask.shape, np.float32(max(mask.shape)))
-    outward = cv2.distanceTransform(1 - inside, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    inward = cv2.distanceTransform(inside, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) if not inside.all() else 0.0
-    field: NDArray[np.float32] = np.where(mask, 0.5 - inward, outward - 0.5).astype(np.float32)
+    inward = depth(mask) if not mask.all() else 0.0
+    field: NDArray[np.float32] = np.where(mask, 0.5 - inward, depth(~mask) - 0.5).astype(np.float32)
     return field
 
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from segment.chambers import two_colouring
 from segment.edges import EdgeField
 from segment.pyramid import PyramidLevel
+from segment.raster import depth
 from tspline.errors import InvalidArgumentError, require
 
 __all__ = ["Start", "chamber_start"]
@@ -110,10 +111,9 @@ def _without_slivers(inside: BoolArray) -> BoolArray:
 
     Frames, scanner shadows and resampled borders make such strips.
     """
-    depth = cv2.distanceTransform(np.pad(inside, 1).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
     count, pieces = cv2.connectedComponents(inside.astype(np.uint8), connectivity=4)
     deepest = np.zeros(count)
-    np.maximum.at(deepest, pieces.ravel(), depth.ravel())
+    np.maximum.at(deepest, pieces.ravel(), depth(np.pad(inside, 1))[1:-1, 1:-1].ravel())
     border = np.concatenate([pieces[0], pieces[-1], pieces[1:-1, 0], pieces[1:-1, -1]])
     contact = np.bincount(border, minlength=count)
     keep = contact < SLIVER * deepest

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -12,6 +15,7 @@ from numpy.typing import NDArray
 
 import tspline
 from segment import segment_image
+from segment.raster import depth
 from segment.result import SegmentResult
 from tspline.evolve import EvolutionStep
 
@@ -459,3 +463,31 @@ def test_the_model_can_be_saved(tmp_path: Any) -> None:
     np.testing.assert_array_equal(again.coefficients, seg.spline.coefficients)
     assert again.metadata["shape"] == [N, N]
     assert again.metadata["spacing"] == 0.5
+
+
+def test_runs_give_the_same_bits() -> None:
+    """Whatever the process, and wherever in memory its arrays lie."""
+    code = (
+        "import hashlib\n"
+        "import numpy as np\n"
+        "from segment import segment_image\n"
+        "i, j = np.mgrid[:41, :127]\n"
+        "image = np.tanh(np.hypot(i - 19.7, j - 67.3) - 12.3) + np.random.default_rng(0).normal(0, 0.1, i.shape)\n"
+        "kept = []\n"
+        "for k in range(6):\n"
+        "    kept.append([np.empty(16 * n + 8, np.uint8) for n in range(1, 40 * (k + 1))])\n"
+        "    print(hashlib.sha256(segment_image(image).spline.coefficients).hexdigest())\n"
+    )
+    command, checkout = [sys.executable, "-c", code], Path(__file__).parents[1]
+    runs = [subprocess.run(command, cwd=checkout, capture_output=True, text=True, check=True).stdout for _ in range(2)]
+    hashes = "".join(runs).split()
+    assert len(hashes) == 12
+    assert len(set(hashes)) == 1
+
+
+def test_depth_is_the_distance_to_the_nearest_pixel_outside() -> None:
+    mask = np.random.default_rng(0).random((23, 31)) < 0.97
+    at = np.argwhere(np.ones(mask.shape, bool))
+    nearest = np.hypot(*np.moveaxis(at[:, np.newaxis] - np.argwhere(~mask), 2, 0)).min(1).reshape(mask.shape)
+    np.testing.assert_allclose(depth(mask), nearest, rtol=1e-15)
+    assert (depth(np.ones((4, 5), bool)) == np.inf).all()

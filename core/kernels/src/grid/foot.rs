@@ -13,7 +13,7 @@ use crate::field::Field;
 
 /// Nodes in one unit of parallel work.
 const CHUNK: usize = 512;
-/// Steps to a foot point; two or three are the rule.
+/// Steps to a foot point; one or two are the rule.
 const STEPS: usize = 12;
 /// What is left of the way along the surface is less than this, in spacings: a foot point that is off by e puts the distance
 /// off by e^2 / (2 d) only.

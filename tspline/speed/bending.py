@@ -13,7 +13,7 @@ from tspline.speed.samples import Floats, LevelSetSamples
 
 __all__ = ["Bending"]
 
-#: Samples that a second derivative is taken from, itself included: half as many again as it has unknowns, and more, as
+#: Samples that a second derivative is taken from, itself included: some three times the unknowns of the quadratic, as
 #: samples of a grid come in clusters.
 NEIGHBOURS = {2: 9, 3: 20}
 #: Second difference over the width of a fit that stands for what a sample is off its fit: a zigzag from sample to

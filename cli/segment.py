@@ -46,6 +46,8 @@ written in the current folder. An output named - goes to standard output.
 
   tspline segment coins.png --mask coins_mask.png --contour coins.svg
   tspline segment 'scans/*.tif' --mask 'out/{stem}_mask.png' --json
+  tspline segment brain.png --phases 4 --labels classes.tif
+  tspline segment cells.png --separate --labels cells_labels.tif
 """
 
 
@@ -59,7 +61,7 @@ def build_parser() -> CommandParser:
     parser.add_argument("inputs", nargs="*", metavar="IMAGE", help="image files")
     results = parser.add_argument_group("results")
     results.add_argument("--mask", metavar="M.png", help="255 inside, 0 outside (.png .tif .bmp .npy)")
-    results.add_argument("--labels", metavar="L.tif", help="numbers of connected objects (.tif .png .npy)")
+    results.add_argument("--labels", metavar="L.tif", help="numbers of objects; classes with --phases (.tif .png .npy)")
     results.add_argument("--contour", metavar="C.svg", help="closed curves (.svg .dxf .geojson)")
     results.add_argument("--model", metavar="S.tsp.npz", help="the T-spline, or the grid's field, for tspline.load")
     results.add_argument("--figure", metavar="F.png", help="image, T-mesh, evolution and result (.png .pdf .svg)")
@@ -69,6 +71,9 @@ def build_parser() -> CommandParser:
     where = start.add_mutually_exclusive_group()
     where.add_argument("--box", metavar="r0,c0,r1,c1", type=_box, help="box around the objects, in pixels")
     where.add_argument("--init", metavar="M.png", help="mask to start from, or auto, circle or box")
+    kinds = parser.add_argument_group("what is told apart")
+    kinds.add_argument("--phases", type=int, metavar="K", help="K classes by brightness or colour, 0 the darkest")
+    kinds.add_argument("--separate", action="store_true", help="keep touching objects apart, each with its contour")
     solver = parser.add_argument_group("solver")
     solver.add_argument("--model-kind", choices=("edges", "auto"), default="auto", help="what bounds an object")
     solver.add_argument("--depth", type=depth, metavar="N", help="finest T-mesh: 2^N cells along the image")
@@ -126,6 +131,8 @@ def _segment(
             max_depth=options.depth,
             solver=options.solver,
             callback=callbacks(show, recorder if options.solver == "tspline" else None),
+            phases=options.phases,
+            separate=options.separate,
         )
     finally:
         finish()
@@ -162,7 +169,8 @@ def _write(targets: Mapping[str, Target], image: npt.NDArray[np.generic], result
             write_mask(path, result.mask, ending=targets["mask"].ending)
     if "labels" in targets:
         with targets["labels"].open() as path:
-            write_labels(path, result.labels, ending=targets["labels"].ending)
+            numbers = result.labels if result.classes is None else result.classes
+            write_labels(path, numbers, ending=targets["labels"].ending)
     if "contour" in targets:
         from tspline.export.contour_file import ContourFrame, write_contours
 
@@ -186,6 +194,9 @@ def _outcome(item: Input, image: npt.NDArray[np.generic], result: Any) -> Outcom
         "shape": [int(extent) for extent in image.shape[:2]],
         "warnings": [str(warning) for warning in result.warnings],
     }
+    if result.classes is not None:
+        areas = [int((result.classes == k).sum()) for k in range(len(result.phases))]
+        values |= {"class_areas": areas, "background": int(result.background)}
     objects = "1 object" if result.num_components == 1 else f"{result.num_components} objects"
     ended = "" if result.success else f"; {result.message}"
     summary = f"{item.label}: {objects}, {result.field.num_coefficients:,} coefficients{ended}"

@@ -16,6 +16,7 @@ __all__ = [
     "mixture_log_density",
     "num_threads",
     "planes",
+    "relaxed_classes",
     "relaxed_regions",
     "scan_convert",
     "sides_of",
@@ -189,6 +190,14 @@ def mixture_log_density(
     centres: NDArray[np.float32],
     constants: NDArray[np.float32],
 ) -> NDArray[np.float32]: ...
+def relaxed_classes(
+    evidence: NDArray[np.float32],
+    edges: NDArray[np.float32],
+    spacing: Sequence[float],
+    start: NDArray[np.float32] | None = None,
+    max_steps: int = 500,
+    tolerance: float = 3e-4,
+) -> tuple[NDArray[np.float32], int, float]: ...
 def relaxed_regions(
     evidence: NDArray[np.float32],
     edges: NDArray[np.float32],

@@ -31,7 +31,7 @@ mod _core {
     #[pymodule_export]
     use super::mixture::mixture_log_density;
     #[pymodule_export]
-    use super::relax::relaxed_regions;
+    use super::relax::{relaxed_classes, relaxed_regions};
     #[pymodule_export]
     use super::scan::scan_convert;
     #[pymodule_export]

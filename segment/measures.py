@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import find_objects, mean as labelled_mean
+from scipy.ndimage import find_objects
+from scipy.ndimage import mean as labelled_mean
 
 from segment.outline import Outline, Pieces, outline_of
 from segment.result import SegmentResult
@@ -91,7 +92,11 @@ class Quality:
 
 
 def object_measures(
-    result: SegmentResult, image: ArrayLike | None = None, spacing: ArrayLike | None = None
+    result: SegmentResult,
+    image: ArrayLike | None = None,
+    spacing: ArrayLike | None = None,
+    *,
+    outline: Outline | None = None,
 ) -> list[ObjectMeasures]:
     """Measure each object of a segmentation.
 
@@ -106,6 +111,8 @@ def object_measures(
         What was segmented, of the shape of `result.mask`, channels last if any; for `mean_intensity`.
     spacing : float or one a spatial axis, optional
         Pixel size; by default measures are in pixels.
+    outline : Outline, optional
+        What `outline_of` gave of the result, where it is there already.
 
     Returns
     -------
@@ -121,7 +128,7 @@ def object_measures(
     pitch = _pitch(spacing, labels.ndim)
     numbers = np.flatnonzero(np.bincount(labels[labels > 0])) if (labels > 0).any() else np.empty(0, np.intp)
     intensities = _intensities(labels, numbers, image)
-    outline = outline_of(result)
+    outline = outline or outline_of(result)
     pieces = Pieces.of(outline, labels, pitch)
     boxes = find_objects(labels)
     found = []
@@ -140,7 +147,7 @@ def object_measures(
     return found
 
 
-def contour_quality(result: SegmentResult, image: ArrayLike) -> Quality:
+def contour_quality(result: SegmentResult, image: ArrayLike, *, outline: Outline | None = None) -> Quality:
     """How well the contour is held by the image.
 
     Parameters
@@ -149,12 +156,14 @@ def contour_quality(result: SegmentResult, image: ArrayLike) -> Quality:
         Of an image or of a volume.
     image : array_like
         What was segmented, channels last if any.
+    outline : Outline, optional
+        As for `object_measures`.
 
     Returns
     -------
     Quality
     """
-    outline = outline_of(result)
+    outline = outline or outline_of(result)
     total = float(outline.shares.sum())
     if total <= 0:
         return Quality(np.nan, np.nan, np.nan, np.nan, np.nan)

@@ -94,8 +94,8 @@ class Pieces:
         np.maximum.at(upper, outline.piece, points)
         return cls(
             owner=_owners(outline, labels, count),
-            size=size,
-            boundary=np.bincount(which, lengths, count),
+            size=np.asarray(size, np.float64),
+            boundary=np.asarray(np.bincount(which, lengths, count), np.float64),
             moment=drift + size[:, np.newaxis] * origin,
             lower=lower,
             upper=upper,
@@ -166,7 +166,7 @@ def _surface(result: Any) -> Outline:
         faces,
         piece[order].astype(np.int64),
         normals / np.maximum(norm, 1e-300)[:, np.newaxis],
-        np.bincount(faces.ravel(), np.repeat(np.linalg.norm(sides, axis=1) / 6.0, 3), count),
+        np.asarray(np.bincount(faces.ravel(), np.repeat(np.linalg.norm(sides, axis=1) / 6.0, 3), count), np.float64),
         np.full(count, np.nan),
         np.asarray(((points < 0.5) | (points > limits)).any(axis=1)),
     )

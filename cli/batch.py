@@ -134,8 +134,8 @@ def _report(
     if outcome.status in (FAILED, WRONG_INPUT):
         reporter.error(outcome.message)
     elif outcome.summary:
-        timed = bool(targets) or reporter.command != "info"
-        reporter.say(outcome.summary + (f" ({outcome.seconds:.1f} s)" if timed else ""))
+        timed = f" ({outcome.seconds:.1f} s)" if targets or outcome.parts else ""
+        reporter.say(outcome.summary + timed)
     for option, target in targets.items():
         if outcome.status in (DONE, NOT_CONVERGED) and not target.is_stdout:
             reporter.say(f"  {option:<9} {target.name}")

@@ -75,7 +75,9 @@ def evolution_figure(
     total_height = tall + head + foot + 0.04
     figure = theme.new_figure(count * (_PANEL_INCHES + 0.12) + 0.12, total_height)
     panels = figure.subplots(1, count, squeeze=False)[0]
-    figure.subplots_adjust(left=0.02, right=0.98, bottom=foot / total_height, top=1.0 - head / total_height, wspace=0.06)
+    figure.subplots_adjust(
+        left=0.02, right=0.98, bottom=foot / total_height, top=1.0 - head / total_height, wspace=0.06
+    )
     _result_panel(panels[-1], scene, snapshots[-1], "c" if count == 3 else "", detail, certainty)
     if count == 3:
         _initial_panel(panels[0], scene, snapshots[0])
@@ -173,7 +175,7 @@ def _result_panel(
 
 
 def _uncertainty_bar(axes: Axes, certainty: Certainty, scale: UncertaintyScale | None) -> None:
-    """Draw the scale of colours below the panel, and what a dotted line is if there is one."""
+    """Draw the scale of colours below the panel, and tell what white is if there is any."""
     figure = axes.get_figure(root=True)
     assert figure is not None
     wide, tall = figure.get_size_inches()
@@ -183,11 +185,11 @@ def _uncertainty_bar(axes: Axes, certainty: Certainty, scale: UncertaintyScale |
     unknown = any(not np.isfinite(values).all() for values in certainty.uncertainty)
     middle = (_BAR_INCHES - 0.12) / tall
     if unknown:
-        figure.text(place.x1, middle, "dotted: no edge found", color=theme.MUTED, ha="right", **lettering)
+        figure.text(place.x1, middle, "white: no edge found", color=theme.MUTED, ha="right", **lettering)
     if scale is None:
         return
     figure.text(place.x0, middle, "uncertainty, px", color=theme.INK, ha="left", **lettering)
-    left, width = place.x0 + 0.86 / wide, 1.0 / wide
+    left, width = place.x0 + 0.84 / wide, 0.9 / wide
     box = figure.add_axes((left, (_BAR_INCHES - 0.15) / tall, width, 0.06 / tall))
     box.imshow(np.linspace(0.0, 1.0, 256)[None, :], cmap=theme.UNCERTAINTY, aspect="auto", extent=(0.0, 1.0, 0.0, 1.0))
     box.set_yticks([])

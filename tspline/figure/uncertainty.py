@@ -1,4 +1,4 @@
-"""How sure a contour is, as colour along it: a logarithmic scale, and where no edge was found a dotted line."""
+"""How sure a contour is, as colour along it: a logarithmic scale, and white where no edge was found."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from matplotlib.colors import to_hex
-from matplotlib.patheffects import Normal, Stroke
+from matplotlib.colors import to_hex, to_rgba
 
 from tspline.figure import theme
 from tspline.figure.scene import FloatArray
@@ -19,9 +18,7 @@ __all__ = ["Certainty", "UncertaintyScale", "draw_certainty"]
 
 _LOW, _HIGH = 5.0, 99.0
 """Percentiles at which the colours begin and end: single places would take them all."""
-_WIDTH = 1.7
-_DOTS = (0.9, 1.4)
-"""Dash and gap where no edge was found, in line widths."""
+_WIDTH = 1.5
 
 
 @dataclass(frozen=True)
@@ -100,23 +97,14 @@ def draw_certainty(axes: Axes, found: Certainty, scale: UncertaintyScale | None)
               for line, values in zip(found.contours, found.uncertainty, strict=True)]  # fmt: skip
     # a piece is as unsure as the worse of its ends
     share = np.concatenate([np.maximum(values, np.roll(values, -1)) for values in shares])
-    known = ~np.isnan(share)
-    rim = [Stroke(linewidth=_WIDTH + 1.1, foreground=theme.RIM, alpha=0.6), Normal()]
-    for rows, dotted in ((np.flatnonzero(known), False), (np.flatnonzero(~known), True)):
-        if len(rows) == 0:
-            continue
-        # the most unsure are drawn last, over their neighbours' rims
-        order = rows if dotted else rows[np.argsort(share[rows], kind="stable")]
-        colors = theme.NO_EDGE if dotted else theme.UNCERTAINTY(share[order])
-        style = (0, _DOTS) if dotted else "solid"
-        lines = LineCollection(list(segments[order]), colors=colors, linewidths=_WIDTH, linestyles=style, zorder=5)
+    # the most unsure are drawn last, over their neighbours
+    order = np.argsort(np.where(np.isnan(share), np.inf, share), kind="stable")
+    share, drawn = share[order], list(segments[order])
+    colors = theme.UNCERTAINTY(np.where(np.isnan(share), 0.0, share))
+    colors[np.isnan(share)] = to_rgba(theme.NO_EDGE)
+    for color, width, above in ((theme.RIM, _WIDTH + 1.1, 4), (colors, _WIDTH, 5)):
+        lines = LineCollection(drawn, colors=color, linewidths=width, zorder=above)
         lines.set_capstyle("round")
-        if not dotted:
-            under = LineCollection(list(segments[order]), colors=theme.RIM, linewidths=_WIDTH + 1.1, alpha=1, zorder=4)
-            under.set_capstyle("round")
-            axes.add_collection(under, autolim=False)
-        else:
-            lines.set_path_effects(rim)
         axes.add_collection(lines, autolim=False)
 
 

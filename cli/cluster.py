@@ -8,9 +8,11 @@ replaced without --force), even if no worker can write there, and a task that a 
 from __future__ import annotations
 
 import importlib.util
+import json
 import logging
 import os
 import pickle
+import re
 import tempfile
 import threading
 from collections import deque
@@ -32,6 +34,9 @@ CONNECT_SECONDS = 10
 _AHEAD = 4
 """Inputs a thread of the cluster that are under way at a time, so that results do not pile up there."""
 
+_ADDRESS = re.compile(r"([a-z]+://)?(\[[0-9a-fA-F:.]+\]|[^\s:/\[\]]+):\d{1,5}")
+_ACCEPTED = "host:port of a running scheduler, or the name of its file"
+
 _ONE_AT_A_TIME = threading.Lock()
 """A worker of several threads solves one input at a time: the kernels use the threads, and Matplotlib has but one."""
 
@@ -47,14 +52,12 @@ def connected(address: str) -> Runner:
     Raises
     ------
     UsageError
-        The package `distributed` is missing, or a file that is not there. The runner itself raises it when the
-        scheduler does not answer.
+        The package `distributed` is missing, or neither an address nor such a file. The runner itself raises it when
+        the scheduler does not answer.
     """
     if importlib.util.find_spec("distributed") is None:
         raise UsageError("--scheduler needs the package distributed: pip install 'tspline[dask]'")
-    if address.endswith(".json") and not os.path.isfile(address):
-        raise UsageError(f"--scheduler {address}: no such file; accepted is host:port, or the file of a scheduler")
-    return partial(_on_cluster, address=address)
+    return partial(_on_cluster, address=_address(address))
 
 
 def _on_cluster(job: Job, tasks: Sequence[Task], *, address: str) -> Generator[Outcome, None, None]:
@@ -83,19 +86,31 @@ def _client(address: str, *, quiet: bool) -> Any:
     if quiet:
         # what it would log of lost connections is told in the outcomes
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
-    where = {"scheduler_file": address} if os.path.isfile(address) else {"address": address}
-    accepted = "host:port of a running scheduler, or its file"
     try:
-        return connect(**where, timeout=CONNECT_SECONDS, set_as_default=False)
-    except (OSError, TimeoutError):
+        return connect(address, timeout=CONNECT_SECONDS, set_as_default=False)
+    except (OSError, ValueError):  # a name that cannot be resolved is one or the other
         told = f"no scheduler answers within {CONNECT_SECONDS} s"
-    except (ValueError, KeyError, TypeError) as error:
-        told = f"not an address ({' '.join(str(error).split())[:80]})"
-    raise UsageError(f"--scheduler {address}: {told}; accepted is {accepted}")
+    raise UsageError(f"--scheduler {address}: {told}; accepted is {_ACCEPTED}")
+
+
+def _address(given: str) -> str:
+    """The address itself, or what a scheduler's file says."""
+    if _ADDRESS.fullmatch(given):
+        return given
+    told = "neither an address nor a file"
+    try:
+        if os.path.isfile(given):
+            told = "not the file of a scheduler"
+            address = str(json.loads(Path(given).read_text(encoding="utf-8"))["address"])
+            if _ADDRESS.fullmatch(address):
+                return address
+    except (OSError, ValueError, KeyError, TypeError):
+        pass
+    raise UsageError(f"--scheduler {given}: {told}; accepted is {_ACCEPTED}")
 
 
 def _submitted(client: Any, job: Job, item: Input, targets: Mapping[str, Target]) -> Any:
-    away = Input(os.path.abspath(item.path))
+    away = Input(os.path.abspath(item.path), item.label)
     # as bytes, in which the scheduler looks for nothing of its own
     order = pickle.dumps((job, away, {option: target.ending for option, target in targets.items()}))
     return client.submit(_work, order, pure=False, key=f"tspline-{os.urandom(8).hex()}")
@@ -134,8 +149,9 @@ def _received(job: Job, item: Input, targets: Mapping[str, Target], future: Any)
         return Outcome(FAILED, f"{item.label}: {told}; accepted are workers with this version of tspline installed")
     if outcome.status not in (DONE, NOT_CONVERGED):
         return Outcome(outcome.status, outcome.message, seconds=outcome.seconds)
+    seconds = outcome.seconds
     landed = Job(partial(_landed, outcome=outcome, files=files), job.reporter, job.verbose)(item, targets)
-    landed.seconds = outcome.seconds
+    landed.seconds = seconds
     return landed
 
 

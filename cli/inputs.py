@@ -22,6 +22,8 @@ class Input:
 
     path: str
     """As given, or ``-``."""
+    given: str = ""
+    """As given, where `path` is another name for it."""
 
     @property
     def is_stdin(self) -> bool:
@@ -46,7 +48,7 @@ class Input:
     @property
     def label(self) -> str:
         """How messages and reports call the input."""
-        return "<stdin>" if self.is_stdin else self.path
+        return "<stdin>" if self.is_stdin else self.given or self.path
 
 
 def expand(patterns: Sequence[str], endings: Sequence[str] = (), *, recursive: bool = False) -> list[Input]:

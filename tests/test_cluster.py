@@ -100,9 +100,7 @@ def test_wrong_addresses_are_one_line(
     assert sorted(folder.rglob("*")) == before
 
 
-def test_without_the_package(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_without_the_package(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     assert main(["segment", "in", "--mask", "{stem}.png", "--scheduler", "127.0.0.1:8786"]) == 2
     assert "pip install 'tspline[dask]'" in capsys.readouterr().err

@@ -207,9 +207,11 @@ def browser(tmp_path: Path) -> Callable[..., subprocess.CompletedProcess[bytes]]
         pytest.skip("needs chromium on the PATH")
 
     def run(page: str, *options: str) -> subprocess.CompletedProcess[bytes]:
-        words = ["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--enable-logging=stderr",
-                 "--window-size=900,900", "--virtual-time-budget=1000", f"--user-data-dir={tmp_path / 'profile'}"]  # fmt: skip
-        return subprocess.run([CHROMIUM, *words, *options, page], capture_output=True, timeout=120, check=True)
+        words = [
+            CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--enable-logging=stderr",
+            "--window-size=900,900", "--virtual-time-budget=1000", f"--user-data-dir={tmp_path / 'profile'}",
+        ]  # fmt: skip
+        return subprocess.run([*words, *options, page], capture_output=True, timeout=120, check=True)
 
     return run
 

@@ -7,18 +7,22 @@ from typing import TYPE_CHECKING, Any
 from cli.inputs import Input
 
 if TYPE_CHECKING:
+    from cli.measured import Measured
     from tspline.figure import Recorder
     from tspline.figure.page import Plate
 
 __all__ = ["plates_of"]
 
+_MAX_MARKS = 500
+"""Objects whose numbers are written; more would hide the picture."""
 
-def plates_of(item: Input, image: Any, result: Any, recorder: Recorder | None) -> list[Plate]:
+
+def plates_of(item: Input, image: Any, result: Any, recorder: Recorder | None, measured: Measured) -> list[Plate]:
     """Pictures of an image with its contours, or of a volume with the outlines of its mask."""
-    return [_planar(item, image, result, recorder)] if result.mask.ndim == 2 else _cuts(item, image, result)
+    return [_planar(item, image, result, recorder, measured)] if measured.planar else _cuts(item, image, result)
 
 
-def _planar(item: Input, image: Any, result: Any, recorder: Recorder | None) -> Plate:
+def _planar(item: Input, image: Any, result: Any, recorder: Recorder | None, measured: Measured) -> Plate:
     import numpy as np
 
     from segment.outline import spacing_of
@@ -31,7 +35,8 @@ def _planar(item: Input, image: Any, result: Any, recorder: Recorder | None) -> 
     mesh = getattr(result.field, "mesh", None)
     cells = None if mesh is None else np.asarray(mesh.cells) / np.asarray(spacing_of(result))
     about = f"{item.name} with the contours of {objects}"
-    return Plate(image, about, result.contours, result.contour_uncertainty, cells, frames)
+    marks = [(str(one.label), (one.centroid[0], one.centroid[1])) for one in measured.objects[:_MAX_MARKS]]
+    return Plate(image, about, result.contours, result.contour_uncertainty, cells, frames, marks)
 
 
 def _cuts(item: Input, image: Any, result: Any) -> list[Plate]:

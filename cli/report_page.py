@@ -113,7 +113,7 @@ def section_of(
     """The section of one image: its pictures beside the measures, messages and objects."""
     from cli.plates import plates_of
 
-    pictures = "".join(plate.html() for plate in plates_of(item, image, result, recorder))
+    pictures = "".join(plate.html() for plate in plates_of(item, image, result, recorder, measured))
     return (
         f'<div class="columns"><div>{pictures}</div>\n<div><h3>Measures</h3>\n{_measures(measured)}{_notes(outcome)}'
         f"</div></div>\n{_objects(measured)}"

@@ -118,6 +118,7 @@ def plate(frames: int = 3) -> Plate:
         [np.where(np.arange(400) < 300, 0.02, np.inf)],
         np.array([[[0.0, 0.0], [8.0, 8.0]]]),
         [Frame(f"step {k} <", [circle(10.0, 15.0, 9.0 - k / frames)]) for k in range(frames)],
+        [("7", (10.0, 15.0))],
     )
 
 
@@ -133,6 +134,8 @@ def test_a_plate_holds_its_layers_where_pixels_are() -> None:
     assert [one["data-label"] for one in paths if "data-label" in one] == ["step 0 <", "step 1 <", "step 2 <"]
     (mesh,) = (one for one in paths if one.get("class") == "mesh")
     assert mesh["d"] == "M50 50h800M50 850h800M50 50v800M850 50v800"
+    (name,) = (attributes for tag, attributes in found if tag == "text")
+    assert (name["x"], name["y"]) == ("15.50", "10.50")
     (slider,) = (one for tag, one in found if tag == "input" and one.get("type") == "range")
     assert (slider["max"], slider["value"]) == ("3", "3")
     assert "<b>" not in plate().html().partition("</title>")[0]

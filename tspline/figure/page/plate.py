@@ -24,6 +24,8 @@ _FRAME_TOLERANCE = 0.1
 """Pixels by which the lines of a step may be thinned."""
 _CLASSES = 12
 """Colours of the uncertainty."""
+_MARKS_ALONG = 45.0
+"""Heights of a letter along the picture's longer side."""
 _SHARP_SIDE = 700
 """Images up to this side are enlarged on most screens: their pixels are shown as squares."""
 
@@ -55,6 +57,8 @@ class Plate:
         Lower and upper corner (row, col) of the cells of the T-mesh.
     frames : sequence of Frame
         The way to the result, without it.
+    marks : sequence of (str, (row, col))
+        Names of objects, and where they are written.
     """
 
     image: npt.NDArray[np.generic]
@@ -63,6 +67,7 @@ class Plate:
     uncertainty: Sequence[FloatArray] = ()
     cells: FloatArray | None = None
     frames: Sequence[Frame] = field(default_factory=tuple)
+    marks: Sequence[tuple[str, tuple[float, float]]] = ()
 
     def html(self) -> str:
         """Give a figure element; the page's style and script belong to it."""
@@ -75,6 +80,7 @@ class Plate:
             self._mesh((cols, rows)),
             self._result(scale),
             *_frames(shown),
+            self._names(),
         ]
         return (
             f'<figure class="view">\n<svg viewBox="0 0 {cols} {rows}" role="img" style="--wide:{cols};--tall:{rows}">\n'
@@ -89,6 +95,8 @@ class Plate:
             offered.append(("colours", "uncertainty", True))
         if self.cells is not None:
             offered.append(("mesh", "T-mesh", False))
+        if self.marks:
+            offered.append(("names", "numbers", False))
         offered.append(("picture", "image", True))
         return "".join(
             f'<label><input type="checkbox" class="of-{name}"{" checked" if on else ""}>{word}</label>'
@@ -111,6 +119,14 @@ class Plate:
                 color = theme.NO_EDGE if kind < 0 else scale.color(float(shares[kind]))
                 parts.append(f'<path class="sure" stroke="{color}" d="{data}"/>')
         return '<g class="result" transform="scale(.01)">' + "\n".join(parts) + "</g>"
+
+    def _names(self) -> str:
+        if not self.marks:
+            return ""
+        size = max(self.image.shape[:2]) / _MARKS_ALONG
+        texts = "".join(f'<text x="{col + 0.5:.2f}" y="{row + 0.5:.2f}">{escape(name)}</text>'
+                        for name, (row, col) in self.marks)  # fmt: skip
+        return f'<g class="names" font-size="{size:.4g}" stroke-width="{0.2 * size:.4g}">{texts}</g>'
 
     def _any_unknown(self) -> bool:
         return any(not np.isfinite(values).all() for values in self.uncertainty)

@@ -24,6 +24,7 @@ __all__ = ["Report", "section_of", "written_report"]
 _MAX_ROWS = 500
 """Objects listed of an image."""
 _STATES = {DONE: ("done", "converged"), NOT_CONVERGED: ("partly", "not converged")}
+_SAMPLES = {2: "pixels", 3: "voxels"}
 _OUTPUTS = ("mask", "labels", "contour", "model", "figure", "animation", "table", "objects", "report")
 _NO_SETTINGS = ("inputs", "force", "json", "quiet", "verbose", "jobs", "scheduler", "recursive", *_OUTPUTS)
 """Options that change nothing in the results."""
@@ -40,7 +41,7 @@ class Report:
         """Write the section of one image."""
         kind, word = _STATES.get(outcome.status, ("failed", "failed"))
         size = outcome.values.get("shape")
-        sides = f'<span class="size">{" × ".join(map(str, size))} pixels</span>' if size else ""
+        sides = f'<span class="size">{" × ".join(map(str, size))} {_SAMPLES[len(size)]}</span>' if size else ""
         body = outcome.parts.get("report") or _notes(outcome)
         self._spool.write(
             f'<section class="card" id="image-{len(self._rows) + 1}">\n<header><h2>{escape(item.label)}</h2>{sides}'
@@ -114,10 +115,8 @@ def section_of(
     from cli.plates import plates_of
 
     pictures = "".join(plate.html() for plate in plates_of(item, image, result, recorder, measured))
-    return (
-        f'<div class="columns"><div>{pictures}</div>\n<div><h3>Measures</h3>\n{_measures(measured)}{_notes(outcome)}'
-        f"</div></div>\n{_objects(measured)}"
-    )
+    beside = f"<h3>Measures</h3>\n{_measures(measured)}{_notes(outcome)}"
+    return f'<div class="columns"><div class="plates">{pictures}</div>\n<div>{beside}</div></div>\n{_objects(measured)}'
 
 
 def _measures(measured: Measured) -> str:

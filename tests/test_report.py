@@ -141,6 +141,12 @@ def test_a_plate_holds_its_layers_where_pixels_are() -> None:
     assert "<b>" not in plate().html().partition("</title>")[0]
 
 
+def test_pixels_that_are_no_squares_keep_their_proportions() -> None:
+    page = Plate(np.zeros((10, 30)), "tall pixels", [], pitch=(2.5, 0.5)).html()
+    assert 'viewBox="0 0 30 50"' in page
+    assert '<g transform="scale(1 5)">' in page
+
+
 def test_frames_are_thinned_evenly() -> None:
     labels = re.findall(r'data-label="step (\d+) ', plate(200).html())
     assert len(labels) == MAX_FRAMES

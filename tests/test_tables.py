@@ -103,6 +103,8 @@ def test_volumes(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
     from cli.batch import Outcome
     from cli.inputs import Input
+    from cli.measured import Measured
+    from cli.plates import plates_of
     from cli.run_files import parts_of
 
     ball = trimesh.creation.icosphere(4, 8.0)
@@ -127,6 +129,24 @@ def test_volumes(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert one["centroid_plane"] == pytest.approx(5.0, abs=1e-6)
     assert one["measured_on"] == "surface"
     assert parts["report"].count("<svg") == 3
+    assert "plane 5" in parts["report"]
+    # a level set is cut where it is zero, the mask only between its pixels
+    result.field = BallField()
+    (first, _, _) = plates_of(Input("ball.npy"), image, result, None, Measured.of(result, image))
+    (line,) = first.contours
+    # values at the pixels, joined straight: an eighth of a pixel's square over the radius
+    np.testing.assert_allclose(np.hypot(*(line - 10.0).T), 8.0, atol=0.02)
+
+
+class BallField:
+    """The distance to a sphere of radius 8 around (10, 10, 10), infinite beyond its box."""
+
+    metadata: dict[str, Any] = {"spacing": [2.0, 1.0, 1.0]}  # noqa: RUF012
+    num_coefficients = 1
+
+    def __call__(self, points: np.ndarray) -> np.ndarray:
+        distance = np.linalg.norm(points - 10.0, axis=1) - 8.0
+        return np.where(distance < 5.0, distance, np.inf)
 
 
 def test_a_table_is_complete_or_absent(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

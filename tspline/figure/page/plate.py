@@ -26,6 +26,7 @@ _CLASSES = 12
 """Colours of the uncertainty."""
 _MARKS_ALONG = 45.0
 """Heights of a letter along the picture's longer side."""
+_HINT = '<span class="hint">a double click enlarges, with Shift back</span>\n'
 _SHARP_SIDE = 700
 """Images up to this side are enlarged on most screens: their pixels are shown as squares."""
 
@@ -59,6 +60,10 @@ class Plate:
         The way to the result, without it.
     marks : sequence of (str, (row, col))
         Names of objects, and where they are written.
+    pitch : (float, float)
+        Sides of a pixel (row, col), in whatever unit: where they differ the picture is drawn in its true proportions.
+    caption : str
+        Written below the picture, where there are several.
     """
 
     image: npt.NDArray[np.generic]
@@ -68,6 +73,8 @@ class Plate:
     cells: FloatArray | None = None
     frames: Sequence[Frame] = field(default_factory=tuple)
     marks: Sequence[tuple[str, tuple[float, float]]] = ()
+    pitch: tuple[float, float] = (1.0, 1.0)
+    caption: str = ""
 
     def html(self) -> str:
         """Give a figure element; the page's style and script belong to it."""
@@ -82,11 +89,16 @@ class Plate:
             *_frames(shown),
             self._names(),
         ]
+        x, y = (side / min(self.pitch) for side in self.pitch[::-1])
+        wide, tall = f"{x * cols:.9g}", f"{y * rows:.9g}"
+        stretched = "" if x == y else f' transform="scale({x:.9g} {y:.9g})"'
+        caption = f"<b>{escape(self.caption)}</b>\n" if self.caption else ""
+        drawn = "\n".join(layer for layer in layers if layer)
         return (
-            f'<figure class="view">\n<svg viewBox="0 0 {cols} {rows}" role="img" style="--wide:{cols};--tall:{rows}">\n'
-            f"<title>{escape(self.about)}</title>\n" + "\n".join(layer for layer in layers if layer) + "\n</svg>\n"
-            f'<figcaption>\n<div class="switches">{self._switches(scale)}</div>\n'
-            f"{_slider(shown)}{_legend(scale, self._any_unknown())}</figcaption>\n</figure>\n"
+            f'<figure class="view">\n<svg viewBox="0 0 {wide} {tall}" role="img" style="--wide:{wide};--tall:{tall}">\n'
+            f"<title>{escape(self.about)}</title>\n<g{stretched}>\n{drawn}\n</g>\n</svg>\n"
+            f'<figcaption>\n{caption}<div class="switches">{self._switches(scale)}</div>\n'
+            f"{_slider(shown)}{_legend(scale, self._any_unknown())}{_HINT}</figcaption>\n</figure>\n"
         )
 
     def _switches(self, scale: UncertaintyScale | None) -> str:

@@ -6,7 +6,8 @@ import argparse
 import glob
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from cli.arguments import CommandParser, UsageError, add_common_options, depth, number_tuple
@@ -23,8 +24,10 @@ from cli.drawing import (
     write_model,
 )
 from cli.inputs import Input, expand, read_stdin
-from cli.outputs import OutputKind, Target, plan_outputs
+from cli.outputs import OutputKind, Target, plan_outputs, plan_run_outputs
+from cli.parallel import add_batch_options, runner_for
 from cli.reporter import Reporter
+from cli.run_files import RUN_KINDS, opened, parts_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -40,14 +43,16 @@ KEYS = ("num_coefficients", "components", "nit")
 _SEED = re.compile(r"[-+]?[\d.][\d.eE+-]*(,[-+]?[\d.][\d.eE+-]*)+")
 
 _EPILOG = """\
-IMAGE is a PNG, JPEG, TIFF, BMP, PGM or .npy file, a glob, or - for standard input. {stem} in the name of an
-output is the input's name without folder and ending. With no output option NAME.tsp.npz and NAME.png are
-written in the current folder. An output named - goes to standard output.
+IMAGE is a PNG, JPEG, TIFF, BMP, PGM or .npy file, a folder of such files, a glob, or - for standard input. {stem}
+in the name of an output is the input's name without folder and ending, {folder} the name of its folder. --table,
+--objects and --report are one file for all inputs. With no output option NAME.tsp.npz and NAME.png are written in the
+current folder. An output named - goes to standard output.
 
   tspline segment coins.png --mask coins_mask.png --contour coins.svg
   tspline segment 'scans/*.tif' --mask 'out/{stem}_mask.png' --json
   tspline segment brain.png --phases 4 --labels classes.tif
   tspline segment cells.png --separate --labels cells_labels.tif
+  tspline segment scans --jobs 4 --table sizes.csv --report scans.html
 """
 
 
@@ -66,6 +71,9 @@ def build_parser() -> CommandParser:
     results.add_argument("--model", metavar="S.tsp.npz", help="the T-spline, or the grid's field, for tspline.load")
     results.add_argument("--figure", metavar="F.png", help="image, T-mesh, evolution and result (.png .pdf .svg)")
     results.add_argument("--animation", metavar="A.gif", help="the evolution (.gif)")
+    results.add_argument("--table", metavar="F.csv", help="one row an image: areas, perimeters, counts, quality")
+    results.add_argument("--objects", metavar="F.csv", help="one row an object: area, perimeter, place, shape")
+    results.add_argument("--report", metavar="R.html", help="one page of all images with contours, steps and figures")
     start = parser.add_argument_group("start")
     start.add_argument("--seeds", nargs="+", action="extend", metavar="r,c", help="points inside the objects")
     where = start.add_mutually_exclusive_group()
@@ -78,6 +86,7 @@ def build_parser() -> CommandParser:
     solver.add_argument("--model-kind", choices=("edges", "auto"), default="auto", help="what bounds an object")
     solver.add_argument("--depth", type=depth, metavar="N", help="finest T-mesh: 2^N cells along the image")
     solver.add_argument("--solver", choices=("tspline", "grid"), default="tspline", help="which field is evolved")
+    add_batch_options(parser)
     add_common_options(parser)
     return parser
 
@@ -88,29 +97,38 @@ def run(options: argparse.Namespace) -> int:
     if not names:
         raise UsageError("found no IMAGE; accepted is at least one image file, or - for standard input")
     refuse_animation(options)
-    inputs = expand(names)
-    plan = plan_outputs(
-        inputs,
-        KINDS,
-        {kind.option: getattr(options, kind.option) for kind in KINDS},
-        force=options.force,
-        json=options.json,
-    )
-    taken = any(target.is_stdout for targets in plan for target in targets.values())
+    if options.scheduler and options.init not in (None, "auto", "circle", "box"):
+        options.init = os.path.abspath(options.init)  # workers have folders of their own
+    from segment.image_file import IMAGE_ENDINGS
+
+    inputs = expand(names, IMAGE_ENDINGS, recursive=options.recursive)
+    writing: dict[str, bool] = {"force": options.force, "json": options.json}
+    asked = {kind.option: getattr(options, kind.option) for kind in (*KINDS, *RUN_KINDS)}
+    run_alone = all(asked[kind.option] is None for kind in RUN_KINDS)
+    plan = plan_outputs(inputs, KINDS, asked, **writing, default=run_alone)
+    run_files = plan_run_outputs(inputs, plan, RUN_KINDS, asked, **writing)
+    taken = any(target.is_stdout for targets in (*plan, run_files) for target in targets.values())
     reporter = Reporter("segment", quiet=options.quiet, json=options.json, stdout_taken=taken)
-
-    def process(item: Input, targets: Mapping[str, Target]) -> Outcome:
-        return _segment(item, targets, options, seeds, reporter)
-
-    return run_batch(inputs, plan, process, reporter, keys=KEYS, verbose=options.verbose)
+    process = partial(_segment, options=options, seeds=seeds, wanted=tuple(run_files))
+    runner = runner_for(options, inputs)
+    with opened(run_files, options) as sinks:
+        status = run_batch(
+            inputs, plan, process, reporter, keys=KEYS, verbose=options.verbose, runner=runner, sinks=sinks
+        )
+    for option, target in run_files.items():
+        if not target.is_stdout:
+            reporter.say(f"{option:<11} {target.name}")
+    return status
 
 
 def _segment(
     item: Input,
     targets: Mapping[str, Target],
+    reporter: Reporter,
+    *,
     options: argparse.Namespace,
     seeds: list[tuple[float, float]],
-    reporter: Reporter,
+    wanted: Collection[str],
 ) -> Outcome:
     """Read, segment and write one image."""
     from segment.image_file import parse_image, read_image
@@ -119,7 +137,7 @@ def _segment(
     init = _initial(options, item, image)
     from segment import segment_image
 
-    recorder = need_recorder(targets)
+    recorder = need_recorder({*targets, *wanted})
     show, finish = reporter.progress(item.label)
     try:
         result = segment_image(
@@ -136,13 +154,15 @@ def _segment(
         )
     finally:
         finish()
-    for warning in result.warnings:
-        reporter.warn(f"{item.label}: {warning}")
     _write(targets, image, result)
     rows, cols = image.shape[:2]
     drawn = None if recorder is None else result.spline
-    write_drawings(targets, lambda _: _scene(image), recorder, drawn, title=f"{item.name}: {rows} × {cols} pixels")
-    return _outcome(item, image, result)
+    title = f"{item.name}: {rows} × {cols} pixels"
+    sure = None if recorder is None else (result.contours, result.contour_uncertainty)
+    write_drawings(targets, lambda _: _scene(image), recorder, drawn, title=title, certainty=sure)
+    outcome = _outcome(item, image, result)
+    outcome.parts = parts_of(wanted, item, image, result, recorder, outcome)
+    return outcome
 
 
 def _initial(options: argparse.Namespace, item: Input, image: npt.NDArray[np.generic]) -> Any:

@@ -17,7 +17,7 @@ from tspline.errors import FileFormatError
 if TYPE_CHECKING:
     from PIL import Image
 
-__all__ = ["IMAGE_ENDINGS", "LABEL_ENDINGS", "MASK_ENDINGS", "parse_image", "read_image", "read_mask",
+__all__ = ["IMAGE_ENDINGS", "LABEL_ENDINGS", "MASK_ENDINGS", "checked_image", "parse_image", "read_image", "read_mask",
            "write_labels", "write_mask"]  # fmt: skip
 
 AnyArray = npt.NDArray[np.generic]
@@ -75,8 +75,8 @@ def parse_image(data: bytes, path: str) -> AnyArray:
         raise FileFormatError(path, "the file is empty", _ACCEPTED)
     if data.startswith(b"\x93NUMPY"):
         array = read_npy(io.BytesIO(data), path, size=len(data))
-        return _checked(array, path)
-    return _checked(_decode(data, path), path)
+        return checked_image(array, path)
+    return checked_image(_decode(data, path), path)
 
 
 def read_mask(path: str | os.PathLike[str], shape: tuple[int, ...]) -> BoolArray:
@@ -266,8 +266,8 @@ def _over_white(colour: AnyArray, alpha: AnyArray, full: float) -> AnyArray:
     return rounded
 
 
-def _checked(image: AnyArray, path: str) -> AnyArray:
-    """Bring every way of storing one image to (rows, cols) or (rows, cols, 3)."""
+def checked_image(image: AnyArray, path: str) -> AnyArray:
+    """Bring every way of storing one image to (rows, cols) or (rows, cols, 3), and refuse what is none."""
     if image.ndim == 3 and image.shape[2] == 1:
         image = image[:, :, 0]
     if image.ndim == 3 and image.shape[2] == 4:

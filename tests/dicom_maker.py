@@ -30,7 +30,7 @@ def dataset(pixels: np.ndarray, series: str = "1.2.3", **elements: Any) -> FileD
 
 
 def place(directions: np.ndarray, position: np.ndarray, spacing: tuple[float, float]) -> dict[str, Any]:
-    """Elements of a slice's place: unit vectors (2, 3) along columns and rows, first centre, distances of (rows, cols)."""
+    """Elements of a slice's place: unit vectors along columns and rows, first centre, distances (rows, columns)."""
     return {
         "ImageOrientationPatient": [f"{value:.12g}" for value in directions.ravel()],
         "ImagePositionPatient": [f"{value:.10g}" for value in position],

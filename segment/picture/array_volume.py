@@ -25,7 +25,9 @@ NAMES = ("image", "volume", "data", "arr_0")
 """Arrays of an archive that are looked for, in this order, where it holds several."""
 
 
-def read_npy_picture(stream: IO[bytes], path: str, *, channel_axis: int | None = None) -> Picture:
+def read_npy_picture(
+    stream: IO[bytes], path: str, *, channel_axis: int | None = None, shape: tuple[int, ...] | None = None
+) -> Picture:
     """Read a .npy array.
 
     Parameters
@@ -36,20 +38,27 @@ def read_npy_picture(stream: IO[bytes], path: str, *, channel_axis: int | None =
         Its name for errors.
     channel_axis : int, optional
         Axis of the channels; by default the last one of four, and that of three if it has length 3 or 4.
+    shape : tuple of int, optional
+        An array of just this shape has no channels.
     """
     size = stream.seek(0, io.SEEK_END)
     stream.seek(0)
-    return _picture(read_npy(stream, path, size=size, max_bytes=MAX_BYTES), None, channel_axis, path)
+    return _picture(read_npy(stream, path, size=size, max_bytes=MAX_BYTES), None, channel_axis, shape, path)
 
 
 def read_npz_picture(
-    stream: IO[bytes], path: str, *, channel_axis: int | None = None, names: Sequence[str] = NAMES
+    stream: IO[bytes],
+    path: str,
+    *,
+    channel_axis: int | None = None,
+    names: Sequence[str] = NAMES,
+    shape: tuple[int, ...] | None = None,
 ) -> Picture:
     """Read the one array of a .npz archive, or the first of `names`; an array ``spacing`` tells its spacing.
 
     Parameters
     ----------
-    stream, path, channel_axis
+    stream, path, channel_axis, shape
         As `read_npy_picture`.
     names : sequence of str
     """
@@ -63,11 +72,14 @@ def read_npz_picture(
         )
     array = read_npz_member(stream, chosen, path, max_bytes=MAX_BYTES)
     spacing = read_npz_member(stream, "spacing", path, max_bytes=1 << 10) if "spacing" in held else None
-    return _picture(array, spacing, channel_axis, path)
+    return _picture(array, spacing, channel_axis, shape, path)
 
 
-def _picture(array: AnyArray, spacing: AnyArray | None, channel_axis: int | None, path: str) -> Picture:
-    if channel_axis is None and (array.ndim == 2 or (array.ndim == 3 and array.shape[2] in (1, 3, 4))):
+def _picture(
+    array: AnyArray, spacing: AnyArray | None, channel_axis: int | None, shape: tuple[int, ...] | None, path: str
+) -> Picture:
+    known = array.ndim == 3 and array.shape == shape
+    if channel_axis is None and not known and (array.ndim == 2 or (array.ndim == 3 and array.shape[2] in (1, 3, 4))):
         image = checked_image(array, path)
         sides = None if spacing is None else _sides(spacing, 2, path)
         return Picture(image, Geometry.of_image(sides, planar=True), image.ndim == 3, "NumPy")

@@ -75,6 +75,9 @@ class NrrdGrid:
         elif "kinds" in header:
             kinds = [str(kind).lower() for kind in header["kinds"]][::-1]
             others = [axis for axis in range(count) if kinds[axis] not in _SPATIAL]
+        elif "spacings" in header:
+            sides = _by_axis(header, ("spacings",), range(count))
+            others = [axis for axis in range(count) if not np.isfinite(sides[axis])]
         else:
             # the rule for arrays: a last axis of 3 or 4 holds colours
             others = [2] if count == 3 and shape[2] in (3, 4) else []

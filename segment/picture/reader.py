@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import zlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import IO
@@ -38,7 +39,11 @@ _MASK_NAMES = ("mask", "labels", *NAMES)
 
 
 def read_picture(
-    path: str | os.PathLike[str], *, channel_axis: int | None = None, names: Sequence[str] = NAMES
+    path: str | os.PathLike[str],
+    *,
+    channel_axis: int | None = None,
+    names: Sequence[str] = NAMES,
+    shape: tuple[int, ...] | None = None,
 ) -> Picture:
     """Read one image or volume; its content says the format.
 
@@ -51,6 +56,8 @@ def read_picture(
         Axis of the channels, in the order of axes in which the samples are returned, where the file does not tell.
     names : sequence of str
         Arrays looked for in .npz archives of several.
+    shape : tuple of int, optional
+        A NumPy array of just this shape has no channels, whatever the length of its last axis.
 
     Returns
     -------
@@ -72,14 +79,14 @@ def read_picture(
         if is_dicom(stream.read(132)):
             return read_dicom(place)
         stream.seek(0)
-        return _read(stream, str(path), channel_axis, names)
+        return _read(stream, str(path), channel_axis, names, shape)
 
 
 def parse_picture(data: bytes, path: str, *, channel_axis: int | None = None) -> Picture:
     """Read a picture from a file's bytes, as `read_picture` does; DICOM is read from files only."""
     if is_dicom(data[:132]):
         raise FileFormatError(path, "DICOM", "DICOM from a file or a folder")
-    return _read(io.BytesIO(data), path, channel_axis, NAMES)
+    return _read(io.BytesIO(data), path, channel_axis, NAMES, None)
 
 
 def read_picture_mask(path: str | os.PathLike[str], picture: Picture) -> BoolArray:
@@ -103,7 +110,7 @@ def read_picture_mask(path: str | os.PathLike[str], picture: Picture) -> BoolArr
     FileFormatError
         As `read_picture`, or the mask has other samples.
     """
-    mask = read_picture(path, names=_MASK_NAMES)
+    mask = read_picture(path, names=_MASK_NAMES, shape=picture.shape)
     inside: BoolArray = mask.pixels.astype(np.bool_)
     if mask.has_channels:
         inside = np.asarray(inside.any(axis=-1))
@@ -125,15 +132,17 @@ def read_picture_mask(path: str | os.PathLike[str], picture: Picture) -> BoolArr
     raise FileFormatError(path, f"a mask of {told} pixels", f"the image's size, {wanted} ({order})")
 
 
-def _read(stream: IO[bytes], path: str, channel_axis: int | None, names: Sequence[str]) -> Picture:
+def _read(
+    stream: IO[bytes], path: str, channel_axis: int | None, names: Sequence[str], shape: tuple[int, ...] | None
+) -> Picture:
     head = stream.read(_HEAD)
     stream.seek(0)
     if is_tiff(head):
         return read_tiff(stream, path, channel_axis=channel_axis)
     if head.startswith(b"\x93NUMPY"):
-        return read_npy_picture(stream, path, channel_axis=channel_axis)
+        return read_npy_picture(stream, path, channel_axis=channel_axis, shape=shape)
     if head.startswith(b"PK\x03\x04"):
-        return read_npz_picture(stream, path, channel_axis=channel_axis, names=names)
+        return read_npz_picture(stream, path, channel_axis=channel_axis, names=names, shape=shape)
     if is_nrrd(head):
         return read_nrrd(stream, path, channel_axis=channel_axis)
     if is_nifti(head):
@@ -148,7 +157,7 @@ def _inflated_head(stream: IO[bytes]) -> bytes:
     """The first bytes of gzip data; none where they are damaged."""
     try:
         return opened(stream, "gzip").read(_HEAD)
-    except (OSError, EOFError, ValueError):
+    except (OSError, EOFError, ValueError, zlib.error):
         return b""
     finally:
         stream.seek(0)

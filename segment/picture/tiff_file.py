@@ -28,7 +28,7 @@ AnyArray = npt.NDArray[np.generic]
 ACCEPTED = "a complete TIFF file with one image or one stack"
 
 _MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
-_PLAIN, _DEFLATE, _PACKBITS, _BY_PILLOW = (1,), (8, 32946), (32773,), (5, 6, 7)
+_PLAIN, _DEFLATE, _BY_PILLOW = (1,), (8, 32946), (5, 6, 7, 32773)
 _PLANES = ("Z", "I", "Q", "T")
 """Axes taken for planes, the first that is there."""
 
@@ -64,6 +64,7 @@ def read_tiff(stream: IO[bytes], path: str, *, channel_axis: int | None = None) 
     stream.seek(0)
     try:
         with tifffile.TiffFile(stream) as file:
+            _check_chain(file, path)
             series = [one for one in file.series if not one.keyframe.is_reduced]
             if len(series) != 1:
                 wrong = f"{len(series)} images, or pages of different sizes"
@@ -136,6 +137,15 @@ def _image(stream: IO[bytes], path: str, spacing: TiffSpacing) -> Picture:
     return Picture(pixels, spacing.geometry(planar=True), pixels.ndim == 3, "TIFF", spacing.kind)
 
 
+def _check_chain(file: Any, path: str) -> None:
+    """Refuse a file whose pages do not end where they should: tifffile takes those that it finds."""
+    place = file.pages.next_page_offset
+    width = int(file.tiff.offsetsize)
+    file.filehandle.seek(place)
+    if file.filehandle.read(width) != bytes(width):
+        raise FileFormatError(path, f"pages missing behind the first {len(file.pages)}", "a complete file")
+
+
 def _decoded(stack: Any, stream: IO[bytes], size: int, path: str) -> AnyArray:
     """The samples of a series, in its own order of axes."""
     key = stack.keyframe
@@ -147,7 +157,7 @@ def _decoded(stack: Any, stream: IO[bytes], size: int, path: str) -> AnyArray:
             raise FileFormatError(path, f"{stack.nbytes} bytes of samples declared, found {size}", "a complete file")
     elif compression in _DEFLATE:
         _check_inflated(stack, path)
-    elif compression not in _PACKBITS:
+    else:
         name = getattr(key.compression, "name", str(compression))
         raise FileFormatError(path, f"compression {name}", "TIFF uncompressed, or by deflate, LZW, PackBits or JPEG")
     return np.asarray(stack.asarray(maxworkers=1))

@@ -31,7 +31,12 @@ class Input:
     @property
     def stem(self) -> str:
         """The name without folder and ending, which names the outputs."""
-        return "stdin" if self.is_stdin else Path(self.path).stem
+        if self.is_stdin:
+            return "stdin"
+        name = os.path.basename(os.path.abspath(self.path))
+        if os.path.isdir(self.path):  # a series of slices; its name may have dots
+            return name
+        return name[: -len(".nii.gz")] if name.lower().endswith(".nii.gz") else Path(name).stem
 
     @property
     def name(self) -> str:

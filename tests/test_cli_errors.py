@@ -72,7 +72,7 @@ def failed(capsys: pytest.CaptureFixture[str], *words: str, status: int = 2) -> 
         ("segment image.npy --init none.png --mask m.png", "none.png: No such file"),
         ("segment none.png", "none.png: No such file"),
         ("segment '*.bmp'", "no file matches"),
-        ("segment .", ".: Is a directory"),
+        ("segment .", ".: no DICOM images directly in this folder"),
         ("segment ring.xyz", "ring.xyz: not an image"),
         ("fit none.xyz", "none.xyz: No such file"),
         ("fit image.npy", "image.npy: an array of type uint8 and shape (20, 30)"),

@@ -35,6 +35,8 @@ class Picture:
         The file's own header, by which results are written as the picture came.
     notes : tuple of str
         What a user should know of how the file was read.
+    file_geometry : Geometry, optional
+        What the file tells, where another spacing was asked for: masks on the file's grid are found by it.
     """
 
     pixels: AnyArray
@@ -43,6 +45,7 @@ class Picture:
     format: str
     header: Any = None
     notes: tuple[str, ...] = ()
+    file_geometry: Geometry | None = None
 
     @classmethod
     def of_grid(
@@ -100,4 +103,5 @@ class Picture:
 
     def with_spacing(self, spacing: Sequence[float]) -> Picture:
         """The same samples at other distances."""
-        return replace(self, geometry=self.geometry.with_spacing(spacing))
+        told = self.file_geometry or self.geometry
+        return replace(self, geometry=self.geometry.with_spacing(spacing), file_geometry=told)

@@ -117,13 +117,14 @@ def read_picture_mask(path: str | os.PathLike[str], picture: Picture) -> BoolArr
     told = " x ".join(str(extent) for extent in mask.shape)
     wanted = " x ".join(str(extent) for extent in picture.shape)
     order = "rows x columns" if len(picture.shape) == 2 else "planes x rows x columns"
-    both = mask.geometry.is_anatomical and picture.geometry.is_anatomical
+    grid = picture.file_geometry or picture.geometry
+    both = mask.geometry.is_anatomical and grid.is_anatomical
     if not both and mask.shape == picture.shape:
         return inside
     turn = None
     if both:
         full = mask.geometry.restored(inside)
-        turn = picture.geometry.reordering(picture.full_shape, mask.geometry, mask.full_shape)
+        turn = grid.reordering(picture.full_shape, mask.geometry, mask.full_shape)
         if turn is not None:
             turned = np.flip(full.transpose(turn[0]), turn[1]).astype(np.bool_)
             return turned.reshape(picture.shape)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ from segment.picture.picture import Picture
 from segment.picture.tiff_file import write_tiff
 from tspline.errors import FileFormatError
 
-__all__ = ["LABEL_ENDINGS", "MASK_ENDINGS", "VOLUME_ENDINGS", "missing_package", "write_labels", "write_mask"]
+__all__ = ["LABEL_ENDINGS", "MASK_ENDINGS", "VOLUME_ENDINGS", "write_labels", "write_mask"]
 
 AnyArray = npt.NDArray[np.generic]
 
@@ -26,13 +25,7 @@ VOLUME_ENDINGS = (".nii.gz", ".nii", ".nrrd", ".tif", ".tiff", ".npz", ".npy")
 MASK_ENDINGS = (".png", ".tif", ".tiff", ".bmp", ".npy", ".npz", ".nii", ".nii.gz", ".nrrd")
 LABEL_ENDINGS = (".tif", ".tiff", ".png", ".npy", ".npz", ".nii", ".nii.gz", ".nrrd")
 
-_PACKAGES = {".nii": "nibabel", ".nii.gz": "nibabel", ".nrrd": "nrrd"}
-
-
-def missing_package(ending: str) -> str:
-    """Name of the package that a format needs and that is not installed; empty if there is none."""
-    name = _PACKAGES.get(ending, "")
-    return name if name and importlib.util.find_spec(name) is None else ""
+_MEDICAL = (".nii", ".nii.gz", ".nrrd")
 
 
 def write_mask(
@@ -59,7 +52,7 @@ def write_mask(
     kind = _ending(path, ending, MASK_ENDINGS, picture)
     if kind in (".npy", ".npz"):
         _write_numpy(Path(path), mask, "mask", picture, kind)
-    elif kind in _PACKAGES:
+    elif kind in _MEDICAL:
         _write_medical(Path(path), mask.astype(np.uint8), picture, kind)
     elif _is_stack(picture, kind):
         write_tiff(
@@ -85,11 +78,11 @@ def write_labels(
     """
     kind = _ending(path, ending, LABEL_ENDINGS, picture)
     highest = int(labels.max(initial=0))
-    small = np.uint8 if highest <= 255 and kind in _PACKAGES else np.uint16
+    small = np.uint8 if highest <= 255 and kind in _MEDICAL else np.uint16
     numbers = labels.astype(small if highest <= np.iinfo(np.uint16).max else np.int32)
     if kind in (".npy", ".npz"):
         _write_numpy(Path(path), numbers, "labels", picture, kind)
-    elif kind in _PACKAGES:
+    elif kind in _MEDICAL:
         _write_medical(Path(path), numbers, picture, kind)
     elif _is_stack(picture, kind):
         write_tiff(Path(path), numbers, picture.geometry, ome=picture.header == "OME")

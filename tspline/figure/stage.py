@@ -79,8 +79,8 @@ def color_bar(figure: Figure, panels: list[Axes], limit: float, label: str) -> N
     bar.set_label(label, fontsize=7.5, color=theme.INK, fontfamily=theme.FONT, labelpad=2)
 
 
-def triad(axes: Axes, view: View) -> None:
-    """Draw the directions of x, y and z in the lower left corner."""
+def triad(axes: Axes, view: View, names: tuple[str, str, str] = ("x", "y", "z")) -> None:
+    """Draw the directions of the three axes in the lower left corner."""
     line = {"arrowstyle": "-", "color": theme.MUTED, "linewidth": 0.8, "shrinkA": 0, "shrinkB": 0}
     middle = np.array([20.0, 20.0])
     for axis in range(3):
@@ -90,6 +90,6 @@ def triad(axes: Axes, view: View) -> None:
         end, name = (tuple(middle + length * way) for length in (12.0, 16.5))
         axes.annotate("", end, tuple(middle), "axes points", "axes points", arrowprops=line, zorder=7)
         axes.annotate(
-            "xyz"[axis], name, xycoords="axes points", fontsize=6.5, color=theme.MUTED, ha="center", va="center",
+            names[axis], name, xycoords="axes points", fontsize=6.5, color=theme.MUTED, ha="center", va="center",
             fontfamily=theme.FONT, zorder=7,
         )  # fmt: skip

@@ -59,7 +59,7 @@ def volume_figure(
     straight = _sight(np.ptp(outline, axis=0))
     views = [straight, straight.turned(), straight.turned(back=True), straight]
     windows = windows_of(views, outline)
-    figure, panels = stage(windows[0], title)
+    figure, panels = stage(windows[0], title, bar=False)
     section = Section.through(outline, straight, _AXES)
     _draw_slice(panels[0], volume, sides, section)
     section.draw_line(panels[0], spline, windows[0])
@@ -69,12 +69,13 @@ def volume_figure(
         for axes, view in zip(panels[1:3], views[1:3], strict=True):
             # the view is a mirror image in the array's axes: corners run the other way round in it
             draw_shaded(axes, vertices, np.asarray(mesh.faces, dtype=np.int64)[:, ::-1], normals, colors, view)
+    for axes, view in zip(panels[1:3], views[1:3], strict=True):
+        triad(axes, view, _AXES)
     count = section.draw(panels[3], spline, _NO_POINTS, windows[3], 0.0)
-    for axes, window, view in zip(panels, windows, views, strict=True):
+    for axes, window in zip(panels, windows, strict=True):
         theme.bare_axes(axes, frame=True)
         axes.set_xlim(*window[:, 0])
         axes.set_ylim(*window[:, 1])
-        triad(axes, view, _AXES)
     faces = f"{len(mesh.faces):,} triangles" if mesh is not None else "no zero set"
     theme.caption(panels[0], "a", f"Slice at {section.name}", section.directions)
     theme.caption(panels[1], "b", "Surface", f"{spline.num_coefficients:,} coefficients, {faces}")

@@ -11,7 +11,7 @@ from cli.outputs import Target
 if TYPE_CHECKING:
     from segment.picture import Picture
 
-__all__ = ["SolidResult", "geometry_values", "write_planar", "write_samples"]
+__all__ = ["SolidResult", "geometry_values", "image_scene", "write_planar", "write_samples"]
 
 
 def write_samples(targets: Mapping[str, Target], picture: Picture, result: Any) -> None:
@@ -53,6 +53,14 @@ def _place(picture: Picture) -> dict[str, Any]:
         "x_direction": ((right - origin) / side).tolist(),
         "y_direction": ((below - origin) / down).tolist(),
     }
+
+
+def image_scene(picture: Picture) -> Any:
+    """The stage of an image's figures; of channels that are no colours, the first is shown."""
+    from tspline.figure.scene import ImageScene
+
+    odd = picture.has_channels and picture.num_channels != 3
+    return ImageScene(picture.pixels[:, :, 0] if odd else picture.pixels)
 
 
 def geometry_values(picture: Picture) -> dict[str, Any]:

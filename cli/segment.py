@@ -33,7 +33,7 @@ from cli.picture_input import (
     solver_spacing,
     start_options,
 )
-from cli.picture_output import SolidResult, geometry_values, write_planar, write_samples
+from cli.picture_output import SolidResult, geometry_values, image_scene, write_planar, write_samples
 from cli.reporter import Reporter
 from cli.surface import MESH
 
@@ -160,21 +160,13 @@ def _segment(
         return _outcome(item, picture, result, warnings, solid.values(targets))
     write_planar(targets, picture, result)
     drawn = None if recorder is None else _in_pixels(result.spline, spacing)
-    write_drawings(targets, lambda _: _scene(picture), recorder, drawn, title=title)
+    write_drawings(targets, lambda _: image_scene(picture), recorder, drawn, title=title)
     return _outcome(item, picture, result, warnings, {})
 
 
 def _in_pixels(spline: Any, spacing: Any) -> Any:
     """The level set of an image over its pixels, as the steps that the solver tells."""
     return spline if spacing is None else spline.rescaled(spline.bounds / spacing)
-
-
-def _scene(picture: Picture) -> Any:
-    from tspline.figure.scene import ImageScene
-
-    # of more channels than colours, the first is shown
-    odd = picture.has_channels and picture.num_channels != 3
-    return ImageScene(picture.pixels[:, :, 0] if odd else picture.pixels)
 
 
 def _outcome(item: Input, picture: Picture, result: Any, warnings: list[str], of_solid: Mapping[str, Any]) -> Outcome:

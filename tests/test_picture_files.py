@@ -417,6 +417,7 @@ def test_hostile_sizes() -> None:
     rejected(text % b"-1 5 5" + bytes(99))
     rejected(text % b"4 5" + bytes(99))
     rejected(text.replace(b"raw", b"ascii") % b"1 1 1" + b"5", "encoding 'ascii'")
+    rejected(nrrd_bytes(VOLUME, {"encoding": "bzip2"})[:-99] + bytes(99), "damaged data")
     rejected(b"NRRD0005\n" + b"a" * (1 << 21), "header")
     rejected(text.replace(b"endian: little\n", b"") % b"4 5 6" + bytes(240), "endian")
     rejected(tiff(DEEP, photometric="minisblack")[:-100])

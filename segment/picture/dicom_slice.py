@@ -72,11 +72,13 @@ def _one_line_errors(path: Path) -> Iterator[None]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             yield
-    except (FileFormatError, MemoryError, OSError):
+    except (FileFormatError, MemoryError):
         raise
     except ImportError:
         raise FileFormatError(path, "the package pydicom is missing", "pip install 'tspline[medical]'") from None
     except Exception as error:
+        if isinstance(error, OSError) and error.errno is not None:
+            raise  # of the file system; pydicom's own have no number
         raise FileFormatError(path, f"damaged DICOM file ({one_line(error)})", ACCEPTED) from None
 
 

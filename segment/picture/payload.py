@@ -71,8 +71,9 @@ def read_exactly(stream: IO[bytes], count: int, path: object) -> bytearray:
             if not piece:
                 raise FileFormatError(path, f"{count} bytes declared, found {len(held)}", "a complete file")
             held += piece
-    except (zlib.error, gzip.BadGzipFile, EOFError, ValueError) as error:
-        if isinstance(error, FileFormatError):
+    except (zlib.error, OSError, EOFError, ValueError) as error:
+        # decompressors raise OSError without a number, the file system with one
+        if isinstance(error, FileFormatError) or getattr(error, "errno", None) is not None:
             raise
         raise FileFormatError(path, f"damaged data ({one_line(error)})", "a complete file") from None
     return held

@@ -100,7 +100,7 @@ def write_tiff(path: Path, array: AnyArray, geometry: Geometry, *, ome: bool) ->
 
     sides = geometry.spacing
     axes = "ZYX"[3 - array.ndim :]
-    common: dict[str, Any] = {"compression": "zlib", "photometric": "minisblack"}
+    common: dict[str, Any] = {"photometric": "minisblack"}
     if ome or array.dtype.itemsize > 2:
         digest = hashlib.sha256(array.tobytes() + repr((array.shape, sides)).encode()).hexdigest()
         # an identifier by content: the same result gives the same file
@@ -109,7 +109,7 @@ def write_tiff(path: Path, array: AnyArray, geometry: Geometry, *, ome: bool) ->
             for axis, side in zip(axes, sides, strict=True):
                 metadata |= {f"PhysicalSize{axis}": side}
                 metadata |= {f"PhysicalSize{axis}Unit": geometry.unit.replace("um", "µm") or "pixel"}
-        tifffile.imwrite(path, array, ome=True, metadata=metadata, **common)
+        tifffile.imwrite(path, array, ome=True, metadata=metadata, compression="zlib", **common)
         return
     metadata = {"axes": axes}
     if geometry.is_physical:
@@ -117,6 +117,8 @@ def write_tiff(path: Path, array: AnyArray, geometry: Geometry, *, ome: bool) ->
         if array.ndim == 3:
             metadata["spacing"] = sides[0]
         common["resolution"] = tuple(_ratio(side) for side in (sides[-1], sides[-2]))
+    if array.ndim == 2:
+        common["compression"] = "zlib"  # of stacks ImageJ reads the first page's place, and takes all to follow it
     tifffile.imwrite(path, array, imagej=True, metadata=metadata, **common)
 
 

@@ -48,11 +48,12 @@ def _describe(item: Input, targets: Mapping[str, Target]) -> Outcome:
     from cli.mesh_summary import MESH_ENDINGS, describe_mesh, has_faces
     from cli.picture_summary import describe_picture
     from recon.point_file import POINT_ENDINGS
-    from segment.picture import PICTURE_ENDINGS
+    from segment.picture import PICTURE_ENDINGS, is_dicom_file
     from tspline.errors import FileFormatError
 
     name, ending = item.path.lower(), Path(item.path).suffix.lower()
-    if Path(item.path).is_dir():
+    # slices of a series often have numbers for names
+    if Path(item.path).is_dir() or (not ending and is_dicom_file(Path(item.path))):
         return describe_picture(item)
     if name.endswith(".tsp.npz") or (ending == ".npz" and _is_model(item.path)):
         return _model(item)

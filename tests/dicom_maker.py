@@ -46,7 +46,7 @@ def write_series(folder: Path, volume: np.ndarray, steps: np.ndarray, origin: np
     for k in np.random.default_rng(5).permutation(len(volume)):
         where = place(directions, origin + k * steps[:, 0], (float(spacing[1]), float(spacing[2])))
         made = dataset(volume[k], SliceThickness="99", InstanceNumber=str((7 * k) % 11), **{**where, **elements})
-        made.save_as(folder / f"{(k * 5) % 17:02d}.dcm", enforce_file_format=True)
+        made.save_as(folder / f"{(k * 5) % 257:03d}.dcm", enforce_file_format=True)
 
 
 def write_frames(path: Path, volume: np.ndarray, steps: np.ndarray, origin: np.ndarray) -> None:

@@ -9,6 +9,7 @@ import warnings
 from pathlib import Path
 from typing import Any
 
+import cv2
 import nibabel
 import nrrd
 import numpy as np
@@ -292,6 +293,17 @@ def test_pages_by_pillow(kind: str) -> None:
     pages = [Image.fromarray(page) for page in DEEP]
     pages[0].save(stream, format="TIFF", save_all=True, append_images=pages[1:], compression=kind)
     np.testing.assert_array_equal(parse_picture(stream.getvalue(), "a").pixels, DEEP)
+
+
+def test_colours_by_pillow() -> None:
+    deep = np.random.default_rng(0).integers(0, 65535, (9, 13, 3)).astype(np.uint16)
+    shallow = (deep >> 8).astype(np.uint8)
+    _, data = cv2.imencodemulti(".tiff", [shallow, shallow[::-1].copy()])  # LZW, channels reversed
+    picture = parse_picture(bytes(data), "a")
+    assert picture.channel_axis == 3
+    np.testing.assert_array_equal(picture.pixels[1], shallow[::-1, :, ::-1])
+    _, data = cv2.imencodemulti(".tiff", [deep, deep])
+    rejected(bytes(data), "uint16 with compression LZW")  # rather than eight of sixteen bits
 
 
 def test_imagej_hyperstacks(tmp_path: Path) -> None:

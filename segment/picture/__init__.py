@@ -1,5 +1,6 @@
 """Images and volumes from files, and masks and labels back to files in the same geometry."""
 
+from segment.picture.dicom_series import holds_dicom, is_dicom_file
 from segment.picture.geometry import Geometry
 from segment.picture.picture import Picture
 from segment.picture.reader import PICTURE_ENDINGS, parse_picture, read_picture, read_picture_mask
@@ -12,6 +13,8 @@ __all__ = [
     "VOLUME_ENDINGS",
     "Geometry",
     "Picture",
+    "holds_dicom",
+    "is_dicom_file",
     "parse_picture",
     "read_picture",
     "read_picture_mask",

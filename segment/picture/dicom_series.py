@@ -15,7 +15,7 @@ from segment.picture.picture import Picture
 from segment.picture.samples import checked
 from tspline.errors import FileFormatError
 
-__all__ = ["holds_dicom", "read_dicom"]
+__all__ = ["holds_dicom", "is_dicom_file", "read_dicom"]
 
 AnyArray = npt.NDArray[np.generic]
 FloatArray = npt.NDArray[np.float64]
@@ -31,7 +31,7 @@ _NAMED = 6
 def holds_dicom(folder: Path) -> bool:
     """Whether a folder has DICOM files directly in it; one is enough, the first twenty are looked at."""
     files = sorted(entry for entry in folder.iterdir() if entry.is_file())
-    return any(_is_dicom_file(entry) for entry in files[:20])
+    return any(is_dicom_file(entry) for entry in files[:20])
 
 
 def read_dicom(place: Path) -> Picture:
@@ -61,7 +61,7 @@ def read_dicom(place: Path) -> Picture:
         files = sorted(entry for entry in place.iterdir() if entry.is_file())
         if len(files) > MAX_FILES:
             raise FileFormatError(place, f"a folder of {len(files)} files", ACCEPTED)
-        found = [one for entry in files if _is_dicom_file(entry) for one in slices_of(entry)]
+        found = [one for entry in files if is_dicom_file(entry) for one in slices_of(entry)]
         if not found:
             raise FileFormatError(place, "no DICOM images directly in this folder", ACCEPTED)
     else:
@@ -74,7 +74,8 @@ def read_dicom(place: Path) -> Picture:
     return _stacked(found, place)
 
 
-def _is_dicom_file(path: Path) -> bool:
+def is_dicom_file(path: Path) -> bool:
+    """Whether a file is DICOM, and no index of others."""
     with path.open("rb") as stream:
         return is_dicom(stream.read(132)) and path.name != "DICOMDIR"
 

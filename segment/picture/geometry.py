@@ -166,7 +166,7 @@ class Geometry:
         theirs = other.in_world("LPS")
         mine = self.in_world("LPS")
         corners = np.array(list(itertools.product(*((0.0, extent - 1.0) for extent in shape))))
-        wanted = theirs.to_index(mine.to_physical_full(corners))
+        wanted = theirs.to_index(mine._places(corners))
         for axes in itertools.permutations(range(3)):
             if tuple(other_shape[axis] for axis in axes) != tuple(shape):
                 continue
@@ -179,7 +179,7 @@ class Geometry:
                     return axes, tuple(axis for axis in range(3) if flips[axis])
         return None
 
-    def to_physical_full(self, points: FloatArray) -> FloatArray:
+    def _places(self, points: FloatArray) -> FloatArray:
         """Places (n, 3) of index coordinates (n, 3) of (plane, row, column), of planar pictures too."""
         places: FloatArray = points @ self.steps.T + self.origin
         return places

@@ -6,6 +6,7 @@ import hashlib
 import io
 import logging
 import uuid
+import warnings
 import zlib
 from fractions import Fraction
 from pathlib import Path
@@ -153,7 +154,7 @@ def _decoded(stack: Any, stream: IO[bytes], size: int, path: str) -> AnyArray:
     key = stack.keyframe
     compression = int(key.compression)
     if compression in _BY_PILLOW:
-        return _by_pillow(stack, stream)
+        return _by_pillow(stack, stream, path)
     if compression in _PLAIN:
         if stack.nbytes > size:
             raise FileFormatError(path, f"{stack.nbytes} bytes of samples declared, found {size}", "a complete file")
@@ -179,17 +180,26 @@ def _check_inflated(stack: Any, path: str) -> None:
                 raise FileFormatError(path, f"a strip of more than {limit} bytes", "strips of the size declared")
 
 
-def _by_pillow(stack: Any, stream: IO[bytes]) -> AnyArray:
-    """Decode page after page by libtiff, which knows LZW and JPEG."""
+def _by_pillow(stack: Any, stream: IO[bytes], path: str) -> AnyArray:
+    """Decode page after page by libtiff, which knows LZW, PackBits and JPEG."""
     from PIL import Image
 
     pages = []
     stream.seek(0)
-    with Image.open(stream, formats=("TIFF",)) as image:
-        for page in stack.pages:
-            image.seek(page.index if isinstance(page.index, int) else page.index[0])
-            pages.append(np.asarray(image))
-    return np.stack(pages).reshape(stack.shape).astype(stack.dtype, copy=False)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of sizes, which were checked, and of damaged metadata
+        with Image.open(stream, formats=("TIFF",)) as image:
+            for page in stack.pages:
+                image.seek(page.index if isinstance(page.index, int) else page.index[0])
+                pages.append(np.asarray(image))
+    samples = np.stack(pages)
+    if (samples.dtype.kind, samples.dtype.itemsize) != (stack.dtype.kind, stack.dtype.itemsize):
+        # Pillow keeps 8 bits of deep colours, and does not know 64
+        name = getattr(stack.keyframe.compression, "name", "unknown")
+        raise FileFormatError(
+            path, f"samples of type {stack.dtype} with compression {name}", "TIFF without, or by deflate"
+        )
+    return samples.reshape(stack.shape)
 
 
 def _arranged(samples: AnyArray, axes: str, spacing: TiffSpacing, channel_axis: int | None, path: str) -> Picture:

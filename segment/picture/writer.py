@@ -85,7 +85,7 @@ def write_labels(
     elif kind in _MEDICAL:
         _write_medical(Path(path), numbers, picture, kind)
     elif _is_stack(picture, kind):
-        write_tiff(Path(path), numbers, picture.geometry, ome=picture.header == "OME")
+        write_tiff(Path(path), numbers, picture.geometry, ome=_came_as_ome(picture))
     else:
         image_file.write_labels(path, labels, ending=kind)
 
@@ -104,6 +104,10 @@ def _ending(path: str | os.PathLike[str], ending: str | None, accepted: tuple[st
 def _is_stack(picture: Picture, kind: str) -> bool:
     """Whether a TIFF needs more than one page, or tags of its spacing."""
     return kind in (".tif", ".tiff") and (picture.is_volume or picture.geometry.is_physical)
+
+
+def _came_as_ome(picture: Picture) -> bool:
+    return picture.format == "TIFF" and picture.header == "OME"
 
 
 def _write_medical(path: Path, numbers: AnyArray, picture: Picture, kind: str) -> None:

@@ -45,13 +45,12 @@ def _place(picture: Picture) -> dict[str, Any]:
     geometry = picture.geometry
     if not geometry.is_anatomical:
         return {}
-    origin, below, right = picture.to_physical([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-    down, side = geometry.spacing
+    below, right = (geometry.steps[:, geometry.axes] / geometry.spacing).T
     return {
         "world": geometry.world,
-        "origin": origin.tolist(),
-        "x_direction": ((right - origin) / side).tolist(),
-        "y_direction": ((below - origin) / down).tolist(),
+        "origin": geometry.origin.tolist(),
+        "x_direction": right.tolist(),
+        "y_direction": below.tolist(),
     }
 
 

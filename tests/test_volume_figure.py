@@ -16,7 +16,7 @@ RADII = np.array([3.0, 7.0, 5.0])
 
 def ellipsoid() -> TSpline:
     middle, half = CENTER * SPACING, 1.5 * float((RADII * SPACING).max())
-    mesh = TMesh.uniform(np.stack([middle - half, middle + half]), 4)
+    mesh = TMesh.uniform(np.stack([middle - half, middle + half]), 3)
     return TSpline.fit(mesh, lambda x: np.sum(((x - middle) / (RADII * SPACING)) ** 2, axis=1) - 1.0)
 
 

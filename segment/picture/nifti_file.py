@@ -62,7 +62,7 @@ def read_nifti(stream: IO[bytes], path: str, *, compressed: bool, channel_axis: 
             raise FileFormatError(path, "no NIfTI file that holds samples", ACCEPTED)
         header = headers[len(head)](head, check=False)
         stored = _stored(header, inner, len(head), path)
-        affine = np.asarray(header.get_best_affine(), dtype=np.float64)
+        affine = _affine(header)
         slope, intercept = header.get_slope_inter()
         unit = _UNITS.get(header.get_xyzt_units()[0], "mm")
     except (FileFormatError, MemoryError, OSError):
@@ -70,7 +70,7 @@ def read_nifti(stream: IO[bytes], path: str, *, compressed: bool, channel_axis: 
     except Exception as error:  # nibabel's own errors, and those of NumPy and struct on damaged headers
         raise FileFormatError(path, f"damaged NIfTI header ({one_line(error)})", ACCEPTED) from None
     notes = []
-    if not (np.isfinite(affine).all() and abs(np.linalg.det(affine[:3, :3])) > 0.0):
+    if affine is None:
         affine = _by_sides(header)
         notes.append("the header tells no usable place; its spacing is used")
     pixels, has_channels = _arranged(stored, header, channel_axis, path)
@@ -114,11 +114,14 @@ def write_nifti(path: Path, array: AnyArray, geometry: Geometry, header: Any, *,
         kept.set_slope_inter(1, 0)
         kept["cal_max"], kept["cal_min"], kept["intent_code"] = 0, 0, 0
         kind = nibabel.Nifti2Image if int(kept["sizeof_hdr"]) == 540 else nibabel.Nifti1Image
-        own = np.asarray(kept.get_best_affine(), dtype=np.float64)
-        # given its own affine, the image leaves both of the header's as they are
-        image = kind(data, own, kept)
-        if not np.allclose(affine, own, rtol=1e-6, atol=1e-6 * float(np.abs(own).max())):
-            _place(image, affine, int(kept["sform_code"]) or 1)
+        own = _affine(kept)
+        if own is not None and np.allclose(affine, own, rtol=1e-6, atol=1e-6 * float(np.abs(own).max())):
+            # given its own affine, the image leaves both of the header's as they are
+            image = kind(data, own, kept)
+        else:
+            kept["qform_code"], kept["sform_code"] = 0, 0
+            image = kind(data, affine, kept)
+            _place(image, affine, int(header["sform_code"]) or 1)
     content = image.to_bytes()
     # without name and time the same result gives the same file
     path.write_bytes(gzip.compress(content, 6, mtime=0) if compressed else content)
@@ -157,6 +160,15 @@ def _stored(header: Any, stream: IO[bytes], already: int, path: str) -> AnyArray
     return data if dtype.names is None else np.stack([data[name] for name in dtype.names[:3]], axis=-1)
 
 
+def _affine(header: Any) -> FloatArray | None:
+    """The header's affine (4, 4), None where it is of no use."""
+    try:
+        affine = np.asarray(header.get_best_affine(), dtype=np.float64)
+    except ValueError:  # a quaternion longer than 1
+        return None
+    return affine if np.isfinite(affine).all() and abs(np.linalg.det(affine[:3, :3])) > 0.0 else None
+
+
 def _by_sides(header: Any) -> FloatArray:
     """An affine with the header's spacing alone."""
     sides = np.abs(np.asarray(header["pixdim"][1:4], dtype=np.float64))
@@ -170,7 +182,7 @@ def _arranged(stored: AnyArray, header: Any, channel_axis: int | None, path: str
     shape = (*stored.shape[: min(spatial, 3)], *(1,) * (3 - spatial), *stored.shape[min(spatial, 3) :])
     rest = [(axis, extent) for axis, extent in enumerate(shape) if axis >= 3 and extent > 1]
     told = " x ".join(str(extent) for extent in shape)
-    if len(rest) > 1 or (coloured and spatial > 3 and rest and rest[0][0] != len(shape) - 1):
+    if len(rest) > 1:
         raise FileFormatError(path, f"{told} samples", "one volume, with at most one axis of channels")
     if channel_axis is not None and (channel_axis not in (3, -1) or not rest):
         raise FileFormatError(path, f"{told} samples, --channel-axis {channel_axis}", "a fourth axis, 3, of channels")

@@ -27,17 +27,19 @@ def rescaled(stored: AnyArray, slope: float, intercept: float) -> AnyArray:
 
 
 def filled(samples: AnyArray) -> tuple[AnyArray, str]:
-    """Samples with the smallest number in place of NaN, by which programs mark what lies outside; and what was done."""
+    """Samples with a number in place of NaN, by which programs mark what lies outside, and what was done.
+
+    The number is 0, or the smallest one if that is negative: outside stays dark, and of masks stays outside.
+    """
     if samples.dtype.kind != "f":
         return samples, ""
     missing = np.isnan(samples)
     count = int(np.count_nonzero(missing))
     if count in (0, samples.size):
         return samples, ""
-    rest = samples[~missing]
     result = samples.copy()
-    result[missing] = rest.min()
-    return result, f"{count} samples that are NaN were taken for the smallest value"
+    result[missing] = number = min(0.0, float(samples[~missing].min()))
+    return result, f"{count} samples that are NaN were taken for {number:g}"
 
 
 def checked(samples: AnyArray, path: object) -> AnyArray:

@@ -15,6 +15,7 @@ __all__ = [
     "locate_cells",
     "num_threads",
     "planes",
+    "relaxed_regions",
     "scan_convert",
     "sides_of",
 ]
@@ -181,6 +182,14 @@ class Hierarchy:
 
 def num_threads() -> int: ...
 def planes(cloud: _Floats, queries: _Floats, patches: _Ints) -> tuple[_Floats, _Floats, _Floats]: ...
+def relaxed_regions(
+    evidence: NDArray[np.float32],
+    edges: NDArray[np.float32],
+    spacing: Sequence[float],
+    start: NDArray[np.float32] | None = None,
+    max_steps: int = 500,
+    tolerance: float = 3e-4,
+) -> tuple[NDArray[np.float32], int, float]: ...
 def scan_convert(
     vertices: _Floats,
     faces: NDArray[np.uint32],

@@ -31,6 +31,7 @@ pub mod pattern;
 pub mod polynomial;
 pub mod project;
 pub mod refine;
+pub mod relax;
 pub mod rows;
 pub mod sides;
 pub mod sign;

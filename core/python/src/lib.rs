@@ -9,6 +9,7 @@ mod cloud;
 mod convert;
 mod hierarchy;
 mod mesh;
+mod relax;
 mod scan;
 mod sparse_field;
 mod system;
@@ -26,6 +27,8 @@ mod _core {
     use super::hierarchy::Hierarchy;
     #[pymodule_export]
     use super::mesh::TMesh;
+    #[pymodule_export]
+    use super::relax::relaxed_regions;
     #[pymodule_export]
     use super::scan::scan_convert;
     #[pymodule_export]

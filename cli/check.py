@@ -61,8 +61,8 @@ def run(options: argparse.Namespace) -> int:
     taken = any(target.is_stdout for targets in plan for target in targets.values())
     reporter = Reporter("check", quiet=options.quiet, json=options.json, stdout_taken=taken)
 
-    def process(item: Input, targets: Mapping[str, Target]) -> Outcome:
-        return _check(item, targets, options.depth, reporter)
+    def process(item: Input, targets: Mapping[str, Target], told: Reporter) -> Outcome:
+        return _check(item, targets, options.depth, told)
 
     return run_batch(inputs, plan, process, reporter, keys=KEYS, verbose=options.verbose)
 
@@ -96,8 +96,6 @@ def _check(item: Input, targets: Mapping[str, Target], finest: int | None, repor
     warnings = [*task.notes]
     for solver, result in results.items():
         warnings += [f"{SOLVERS[solver]}: {warning}" for warning in result.warnings]
-    for warning in warnings:
-        reporter.warn(f"{item.label}: {warning}")
     from tspline.agreement import cross_check
 
     fields = [result.field for result in results.values()]

@@ -42,9 +42,9 @@ def run(options: argparse.Namespace) -> int:
     return run_batch(inputs, [{} for _ in inputs], _describe, reporter, keys=KEYS, verbose=options.verbose)
 
 
-def _describe(item: Input, targets: Mapping[str, Target]) -> Outcome:
+def _describe(item: Input, targets: Mapping[str, Target], reporter: Reporter) -> Outcome:
     """Read one file, and tell its kind by its ending."""
-    del targets  # nothing is written
+    del targets, reporter  # nothing is written, and nothing takes long
     from cli.mesh_summary import MESH_ENDINGS, describe_mesh, has_faces
     from cli.picture_summary import describe_picture
     from recon.point_file import POINT_ENDINGS

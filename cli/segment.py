@@ -6,7 +6,8 @@ import argparse
 import glob
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from cli.arguments import CommandParser, UsageError, add_common_options, depth
@@ -23,7 +24,8 @@ from cli.drawing import (
     write_model,
 )
 from cli.inputs import Input, expand
-from cli.outputs import OutputKind, Target, plan_outputs
+from cli.outputs import OutputKind, Target, plan_outputs, plan_run_outputs
+from cli.parallel import add_batch_options, runner_for
 from cli.picture_input import (
     add_picture_options,
     box,
@@ -35,6 +37,7 @@ from cli.picture_input import (
 )
 from cli.picture_output import SolidResult, geometry_values, image_scene, write_planar, write_samples
 from cli.reporter import Reporter
+from cli.run_files import RUN_KINDS, opened, parts_of
 from cli.surface import MESH
 
 if TYPE_CHECKING:
@@ -51,14 +54,16 @@ _SEED = re.compile(r"[-+]?[\d.][\d.eE+-]*(,[-+]?[\d.][\d.eE+-]*)+")
 
 _EPILOG = """\
 IMAGE is a PNG, JPEG, TIFF, BMP, PGM, .npy or .npz file, with the extra tspline[medical] also NIfTI (.nii .nii.gz),
-NRRD (.nrrd .nhdr), a DICOM file or a folder with one DICOM series; a glob; or - for standard input. TIFF stacks and
-arrays of three axes are volumes. {stem} in the name of an output is the input's name without folder and ending. With
-no output option NAME.tsp.npz and NAME.png are written in the current folder. An output named - goes to standard output.
+NRRD (.nrrd .nhdr), a DICOM file or a folder with one DICOM series; a folder of such files, a glob, or - for standard
+input. TIFF stacks and arrays of three axes are volumes. {stem} in the name of an output is the input's name without
+folder and ending, {folder} the name of its folder. --table, --objects and --report are one file for all inputs. With no
+output option NAME.tsp.npz and NAME.png are written in the current folder. An output named - goes to standard output.
 Places and boxes are indices of rows and columns, of volumes of planes, rows and columns. Meshes and contours (.geojson
 .dxf) are in the file's own physical coordinates where it has any, meshes of NIfTI in RAS, of DICOM and NRRD in LPS.
 
   tspline segment coins.png --mask coins_mask.png --contour coins.svg
   tspline segment 'scans/*.tif' --mask 'out/{stem}_mask.png' --json
+  tspline segment scans --jobs 4 --table sizes.csv --report scans.html
   tspline segment brain.nii.gz --mask brain_mask.nii.gz --mesh brain.ply
   tspline segment series_folder --labels labels.nrrd --box 10,80,80,50,200,200
 """
@@ -80,6 +85,9 @@ def build_parser() -> CommandParser:
     results.add_argument("--model", metavar="S.tsp.npz", help="the T-spline, or the grid's field, for tspline.load")
     results.add_argument("--figure", metavar="F.png", help="image, T-mesh, evolution and result (.png .pdf .svg)")
     results.add_argument("--animation", metavar="A.gif", help="images: the evolution (.gif)")
+    results.add_argument("--table", metavar="F.csv", help="one row an image: areas, perimeters, counts, quality")
+    results.add_argument("--objects", metavar="F.csv", help="one row an object: area, perimeter, place, shape")
+    results.add_argument("--report", metavar="R.html", help="one page of all images with contours, steps and figures")
     start = parser.add_argument_group("start")
     start.add_argument("--seeds", nargs="+", action="extend", metavar="[p,]r,c", help="points inside the objects")
     where = start.add_mutually_exclusive_group()
@@ -90,6 +98,7 @@ def build_parser() -> CommandParser:
     solver.add_argument("--model-kind", choices=("edges", "auto"), default="auto", help="what bounds an object")
     solver.add_argument("--depth", type=depth, metavar="N", help="finest T-mesh: 2^N cells along the image")
     solver.add_argument("--solver", choices=("tspline", "grid"), default="tspline", help="which field is evolved")
+    add_batch_options(parser)
     add_common_options(parser)
     return parser
 
@@ -100,29 +109,40 @@ def run(options: argparse.Namespace) -> int:
     if not names:
         raise UsageError("found no IMAGE; accepted is at least one image file, or - for standard input")
     refuse_animation(options)
-    inputs = expand(names)
-    plan = plan_outputs(
-        inputs,
-        KINDS,
-        {kind.option: getattr(options, kind.option) for kind in KINDS},
-        force=options.force,
-        json=options.json,
-    )
-    taken = any(target.is_stdout for targets in plan for target in targets.values())
+    for option, words in (("init", (None, "auto", "circle", "box")), ("roi", (None,))):
+        name = getattr(options, option)
+        if options.scheduler and name not in words:
+            setattr(options, option, os.path.abspath(name))  # workers have folders of their own
+    from segment.picture import PICTURE_ENDINGS
+
+    inputs = expand(names, PICTURE_ENDINGS, recursive=options.recursive)
+    writing: dict[str, bool] = {"force": options.force, "json": options.json}
+    asked = {kind.option: getattr(options, kind.option) for kind in (*KINDS, *RUN_KINDS)}
+    run_alone = all(asked[kind.option] is None for kind in RUN_KINDS)
+    plan = plan_outputs(inputs, KINDS, asked, **writing, default=run_alone)
+    run_files = plan_run_outputs(inputs, plan, RUN_KINDS, asked, **writing)
+    taken = any(target.is_stdout for targets in (*plan, run_files) for target in targets.values())
     reporter = Reporter("segment", quiet=options.quiet, json=options.json, stdout_taken=taken)
-
-    def process(item: Input, targets: Mapping[str, Target]) -> Outcome:
-        return _segment(item, targets, options, seeds, reporter)
-
-    return run_batch(inputs, plan, process, reporter, keys=KEYS, verbose=options.verbose)
+    process = partial(_segment, options=options, seeds=seeds, wanted=tuple(run_files))
+    runner = runner_for(options, inputs)
+    with opened(run_files, options) as sinks:
+        status = run_batch(
+            inputs, plan, process, reporter, keys=KEYS, verbose=options.verbose, runner=runner, sinks=sinks
+        )
+    for option, target in run_files.items():
+        if not target.is_stdout:
+            reporter.say(f"{option:<11} {target.name}")
+    return status
 
 
 def _segment(
     item: Input,
     targets: Mapping[str, Target],
+    reporter: Reporter,
+    *,
     options: argparse.Namespace,
     seeds: list[tuple[float, ...]],
-    reporter: Reporter,
+    wanted: Collection[str],
 ) -> Outcome:
     """Read, segment and write one image or volume."""
     picture = read_input(item, options)
@@ -132,7 +152,7 @@ def _segment(
     from segment import segment_image
 
     # figures of volumes show the result alone: nothing has to be kept on the way
-    recorder = None if picture.is_volume else need_recorder(targets)
+    recorder = None if picture.is_volume else need_recorder({*targets, *wanted})
     show, finish = reporter.progress(item.label)
     try:
         result = segment_image(
@@ -147,21 +167,23 @@ def _segment(
         )
     finally:
         finish()
-    notes = [*picture.notes, *([taken] if taken else [])]
-    warnings = [*notes, *(str(warning) for warning in result.warnings)]
-    for warning in warnings:
-        reporter.warn(f"{item.label}: {warning}")
+    warnings = [*picture.notes, *([taken] if taken else []), *(str(warning) for warning in result.warnings)]
     write_samples(targets, picture, result)
     write_model(targets, result.field)
     title = f"{item.name}: {' × '.join(str(extent) for extent in picture.shape)} pixels"
+    of_solid: Mapping[str, Any] = {}
     if picture.is_volume:
         solid = SolidResult.of(result, picture, targets)
         solid.write(targets, title)
-        return _outcome(item, picture, result, warnings, solid.values(targets))
-    write_planar(targets, picture, result)
-    drawn = None if recorder is None else _in_pixels(result.spline, spacing)
-    write_drawings(targets, lambda _: image_scene(picture), recorder, drawn, title=title)
-    return _outcome(item, picture, result, warnings, {})
+        of_solid = solid.values(targets)
+    else:
+        write_planar(targets, picture, result)
+        drawn = None if recorder is None else _in_pixels(result.spline, spacing)
+        sure = None if recorder is None else (result.contours, result.contour_uncertainty)
+        write_drawings(targets, lambda _: image_scene(picture), recorder, drawn, title=title, certainty=sure)
+    outcome = _outcome(item, picture, result, warnings, of_solid)
+    outcome.parts = parts_of(wanted, item, picture.pixels, result, recorder, outcome)
+    return outcome
 
 
 def _in_pixels(spline: Any, spacing: Any) -> Any:

@@ -275,3 +275,19 @@ def test_physical_contours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     (line,) = document.modelspace()
     points = np.array([point[:2] for point in line.get_points()])
     np.testing.assert_allclose(np.hypot(points[:, 0] - 9.0, points[:, 1] - (63 - 30) * 0.25), 3.5, atol=0.15)
+
+
+def test_series_in_folders_are_one_input_each(calls: list[dict[str, Any]], capsys: pytest.CaptureFixture[str]) -> None:
+    Path("study").mkdir()
+    for name in ("a.1", "b.2"):
+        write_series(Path("study") / name, GREY.astype(np.int16), np.eye(3)[:, ::-1] * [3.0, 2.0, 1.5], np.zeros(3))
+    words = ["--mask", "{stem}.npy", "--table", "sizes.csv", "--json"]
+    assert main(["segment", "study/a.1", *words]) == 0
+    (record,) = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert (record["input"], record["outputs"]["mask"]) == ("study/a.1", "a.1.npy")
+    rows = Path("sizes.csv").read_text().splitlines()
+    assert "volume_total" in rows[0]
+    assert main(["segment", "study", "--recursive", "--model", "{stem}.tsp.npz"]) == 0
+    assert len(calls) == 3
+    assert Path("a.1.tsp.npz").exists()
+    assert Path("b.2.tsp.npz").exists()

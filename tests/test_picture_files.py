@@ -17,7 +17,15 @@ import tifffile
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from segment.picture import parse_picture, read_picture, read_picture_mask, write_labels, write_mask
+from segment.picture import (
+    Geometry,
+    Picture,
+    parse_picture,
+    read_picture,
+    read_picture_mask,
+    write_labels,
+    write_mask,
+)
 from tspline.errors import FileFormatError
 
 try:
@@ -305,6 +313,17 @@ def test_arrays_and_archives(tmp_path: Path) -> None:
     np.savez(tmp_path / "two.npz", a=DEEP, b=DEEP)
     with pytest.raises(FileFormatError, match="arrays a, b"):
         read_picture(tmp_path / "two.npz")
+
+
+@pytest.mark.parametrize(
+    ("unit", "name", "factor"), [("mm", "mm", 1), ("um", "micron", 1), ("nm", "micron", 1e-3), ("", "unknown", 1)]
+)
+def test_units_of_nifti(tmp_path: Path, unit: str, name: str, factor: float) -> None:
+    geometry = Geometry.of_image((3.0, 2.0, 1.5), unit, planar=False)
+    write_mask(tmp_path / "m.nii", DEEP > 99, Picture(DEEP, geometry, False, "TIFF"))
+    image = nibabel.load(tmp_path / "m.nii")
+    assert image.header.get_xyzt_units()[0] == name
+    np.testing.assert_allclose(image.affine, np.diag([-1.5 * factor, -2.0 * factor, 3.0 * factor, 1.0]), rtol=1e-6)
 
 
 def test_a_world_for_files_that_have_none(tmp_path: Path) -> None:

@@ -24,6 +24,13 @@ NIFTI_ENDINGS = (".nii", ".nii.gz")
 ACCEPTED = "a complete NIfTI file (.nii or .nii.gz)"
 
 _UNITS = {"mm": "mm", "meter": "m", "micron": "um"}
+_WRITTEN = {
+    **{short: (name, 1.0) for name, short in _UNITS.items()},
+    "nm": ("micron", 1e-3),
+    "cm": ("mm", 10.0),
+    "inch": ("mm", 25.4),
+}
+"""The format's name of a unit, and what one of it is in that."""
 _MAX_OFFSET = 1 << 26
 """Header extensions of more bytes are refused."""
 
@@ -103,9 +110,11 @@ def write_nifti(path: Path, array: AnyArray, geometry: Geometry, header: Any, *,
     affine = geometry.in_world("RAS").affine
     data = array.T
     if header is None:
+        name, factor = _WRITTEN.get(geometry.unit, ("unknown", 1.0))
+        affine[:3] *= factor
         image: Any = nibabel.Nifti1Image(data, affine)
         _place(image, affine, 1)
-        image.header.set_xyzt_units({"um": "micron", "m": "meter"}.get(geometry.unit, "mm"))
+        image.header.set_xyzt_units(name)
     else:
         kept = header.copy()
         if len(kept.get_data_shape()) == 2:

@@ -23,8 +23,9 @@ __all__ = ["in_processes", "limit_threads", "processors"]
 _AHEAD = 8
 """Inputs a worker that may be begun before the outcome of the first is out, so that one slow input does not let the
 others' outcomes pile up."""
-_PATIENCE = 10.0
-"""Seconds that a worker has to remove its temporary files before it is killed."""
+_PATIENCE, _REQUESTS = 2.0, 5
+"""Seconds that a worker has to remove its temporary files, and how often it is asked before it is killed: Python drops
+an exception that a signal raises within a finaliser."""
 
 _THREAD_POOLS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS",
                  "OPENCV_FOR_THREADS_NUM", "VECLIB_MAXIMUM_THREADS", "NUMEXPR_NUM_THREADS")  # fmt: skip
@@ -97,8 +98,12 @@ def _end(workers: Sequence[_Worker]) -> None:
         if worker.number is not None:
             worker.process.terminate()
     for worker in workers:
-        worker.process.join(_PATIENCE)
-        if worker.process.is_alive():
+        for _ in range(_REQUESTS):
+            worker.process.join(_PATIENCE)
+            if not worker.process.is_alive():
+                break
+            worker.process.terminate()
+        else:
             worker.process.kill()
             worker.process.join()
 

@@ -11,7 +11,7 @@ from matplotlib.colors import to_rgba
 from tspline.figure import Recorder, Snapshot, theme
 from tspline.figure.evolution import evolution_figure
 from tspline.figure.scene import ImageScene
-from tspline.figure.uncertainty import Certainty, UncertaintyScale, draw_certainty
+from tspline.figure.uncertainty import CLASSES, Certainty, UncertaintyScale, draw_certainty, runs
 
 
 def certainty(values: np.ndarray) -> Certainty:
@@ -54,13 +54,25 @@ def test_each_piece_has_the_colour_of_its_worse_end() -> None:
     scale = UncertaintyScale(0.01, 0.1)
     draw_certainty(axes, found, scale)
     rim, lines = (one for one in axes.collections if isinstance(one, LineCollection))
-    assert len(rim.get_segments()) == len(lines.get_segments()) == 40
-    by_color = [tuple(color) for color in lines.get_colors()]
-    assert by_color.count(to_rgba(theme.UNCERTAINTY(1.0))) == 2
-    assert by_color.count(to_rgba(theme.NO_EDGE)) == 2
-    place = by_color.index(to_rgba(theme.UNCERTAINTY(1.0)))
+    assert [len(line) for line in rim.get_segments()] == [41]
+    drawn = dict(zip(map(tuple, lines.get_colors()), lines.get_segments(), strict=True))
     turned = found.contours[0][:, ::-1]
-    assert any(np.allclose(end, turned[10]) for end in lines.get_segments()[place])
+    worst, unknown = (to_rgba(UncertaintyScale.class_color(kind)) for kind in (CLASSES - 1, -1))
+    np.testing.assert_allclose(drawn[worst], turned[9:12])
+    np.testing.assert_allclose(drawn[unknown], turned[19:22])
+    # drawn last of all: what is known least
+    assert list(drawn)[-2:] == [worst, unknown]
+
+
+def test_runs_cover_a_line_and_share_their_ends() -> None:
+    line = np.arange(20.0).reshape(10, 2)
+    pieces = list(runs(line, np.array([1, 1, 2, 2, 2, 3, 1, 1, 1, 1])))
+    assert [kind for kind, _ in pieces] == [2, 3, 1]
+    assert [piece[0, 0] / 2 for _, piece in pieces] == [2, 5, 6]
+    assert [piece[-1, 0] / 2 for _, piece in pieces] == [5, 6, 2]
+    ((kind, whole),) = runs(line, np.full(10, 7))
+    assert kind == 7
+    np.testing.assert_array_equal(whole, np.vstack([line, line[:1]]))
 
 
 def test_the_result_panel_has_a_bar_in_pixels() -> None:

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from matplotlib.colors import to_hex, to_rgba
+from matplotlib.colors import to_hex
 
 from tspline.figure import theme
 from tspline.figure.scene import FloatArray
 
-__all__ = ["Certainty", "UncertaintyScale", "draw_certainty"]
+__all__ = ["CLASSES", "Certainty", "UncertaintyScale", "draw_certainty", "runs"]
 
+IntArray = npt.NDArray[np.int64]
+
+CLASSES = 16
+"""Colours drawn: as many as can be told apart, so that pieces of one colour are few."""
 _LOW, _HIGH = 5.0, 99.0
 """Percentiles at which the colours begin and end: single places would take them all."""
 _WIDTH = 1.5
@@ -62,6 +66,30 @@ class UncertaintyScale:
         logs = np.log(np.where(known, given, self.low) / self.low) / np.log(self.high / self.low)
         return np.asarray(np.where(known, np.clip(logs, 0.0, 1.0), np.nan))
 
+    def classes(self, values: FloatArray) -> IntArray:
+        """Class of the piece from each point of a closed line to the next, (m,): that of the worse end.
+
+        Parameters
+        ----------
+        values : (m,) array
+            Uncertainty at the points, pixels.
+
+        Returns
+        -------
+        (m,) int array
+            From 0 to `CLASSES` - 1; -1 where it is not known.
+        """
+        shares = self.shares(values)
+        worse = np.maximum(shares, np.roll(shares, -1))
+        known = ~np.isnan(worse)
+        steps = np.minimum(np.where(known, worse, 0.0) * CLASSES, CLASSES - 1).astype(np.int64)
+        return np.where(known, steps, -1)
+
+    @staticmethod
+    def class_color(kind: int) -> str:
+        """The colour of a class, as #rrggbb."""
+        return UncertaintyScale.color((kind + 0.5) / CLASSES if kind >= 0 else float("nan"))
+
     @property
     def ticks(self) -> list[float]:
         """Round values from `low` to `high`, at most six."""
@@ -78,6 +106,29 @@ class UncertaintyScale:
         return theme.NO_EDGE if np.isnan(share) else to_hex(theme.UNCERTAINTY(share))
 
 
+def runs(line: FloatArray, classes: IntArray) -> Iterator[tuple[int, FloatArray]]:
+    """Pieces of a closed line with one class each.
+
+    Parameters
+    ----------
+    line : (m, 2) array
+        Closed, without a repeated end.
+    classes : (m,) int array
+        Class of the piece from each point to the next.
+
+    Yields
+    ------
+    (class, (k, 2) array)
+        Neighbours share their ends; a line of one class comes whole, with its first point repeated.
+    """
+    starts = np.flatnonzero(classes != np.roll(classes, 1))
+    if len(starts) == 0:
+        yield int(classes[0]), np.vstack([line, line[:1]])
+        return
+    for start, end in zip(starts, [*starts[1:], starts[0] + len(line)], strict=True):
+        yield int(classes[start]), line[np.arange(start, end + 1) % len(line)]
+
+
 def draw_certainty(axes: Axes, found: Certainty, scale: UncertaintyScale | None) -> None:
     """Draw contours over an image, each piece in the colour of its uncertainty, with a dark rim.
 
@@ -89,23 +140,23 @@ def draw_certainty(axes: Axes, found: Certainty, scale: UncertaintyScale | None)
     scale : UncertaintyScale or None
         None draws everything as not known.
     """
-    pieces = [np.stack([line, np.roll(line, -1, axis=0)], axis=1)[:, :, ::-1] for line in found.contours]
-    if not pieces:
-        return
-    segments = np.concatenate(pieces)
-    shares = [np.full(len(line), np.nan) if scale is None else scale.shares(values)
-              for line, values in zip(found.contours, found.uncertainty, strict=True)]  # fmt: skip
-    # a piece is as unsure as the worse of its ends
-    share = np.concatenate([np.maximum(values, np.roll(values, -1)) for values in shares])
+    lines = [line[:, ::-1] for line in found.contours]
+    pieces: list[tuple[int, FloatArray]] = []
+    for line, values in zip(lines, found.uncertainty, strict=True):
+        classes = np.full(len(line), -1) if scale is None else scale.classes(values)
+        pieces.extend(runs(line, classes))
     # the most unsure are drawn last, over their neighbours
-    order = np.argsort(np.where(np.isnan(share), np.inf, share), kind="stable")
-    share, drawn = share[order], list(segments[order])
-    colors = theme.UNCERTAINTY(np.where(np.isnan(share), 0.0, share))
-    colors[np.isnan(share)] = to_rgba(theme.NO_EDGE)
-    for color, width, above in ((theme.RIM, _WIDTH + 1.1, 4), (colors, _WIDTH, 5)):
-        lines = LineCollection(drawn, colors=color, linewidths=width, zorder=above)
-        lines.set_capstyle("round")
-        axes.add_collection(lines, autolim=False)
+    pieces.sort(key=lambda piece: CLASSES if piece[0] < 0 else piece[0])
+    colors = [UncertaintyScale.class_color(kind) for kind, _ in pieces]
+    whole = [np.vstack([line, line[:1]]) for line in lines]
+    for segments, color, width, above in (
+        (whole, theme.RIM, _WIDTH + 1.1, 4),
+        ([piece for _, piece in pieces], colors, _WIDTH, 5),
+    ):
+        drawn = LineCollection(segments, colors=color, linewidths=width, zorder=above)
+        drawn.set_capstyle("round")
+        drawn.set_joinstyle("round")
+        axes.add_collection(drawn, autolim=False)
 
 
 def _round(value: float, *, up: bool) -> float:

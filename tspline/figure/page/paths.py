@@ -8,6 +8,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from tspline.figure.uncertainty import runs
+
 __all__ = ["UNITS", "class_paths", "closed_path", "mesh_path"]
 
 FloatArray = npt.NDArray[np.float64]
@@ -36,15 +38,10 @@ def class_paths(lines: Sequence[FloatArray], classes: Sequence[IntArray]) -> dic
     """
     found: dict[int, list[str]] = {}
     for line, kinds in zip(lines, classes, strict=True):
-        if len(line) < 2:
-            continue
-        starts = np.flatnonzero(kinds != np.roll(kinds, 1))
-        if len(starts) == 0:
-            found.setdefault(int(kinds[0]), []).append(_data(_thinned(line, TOLERANCE, closed=True)) + "z")
-            continue
-        for start, end in zip(starts, [*starts[1:], starts[0] + len(line)], strict=True):
-            piece = line[np.arange(start, end + 1) % len(line)]
-            found.setdefault(int(kinds[start]), []).append(_data(_thinned(piece, TOLERANCE, closed=False)))
+        for kind, piece in runs(line, kinds):
+            whole = bool(np.array_equal(piece[0], piece[-1]))
+            data = closed_path([piece[:-1]]) if whole else _data(_thinned(piece, TOLERANCE, closed=False))
+            found.setdefault(kind, []).append(data)
     return {kind: "".join(parts) for kind, parts in sorted(found.items())}
 
 

@@ -22,8 +22,6 @@ MAX_FRAMES = 40
 """Steps in the slider; more are thinned evenly."""
 _FRAME_TOLERANCE = 0.1
 """Pixels by which the lines of a step may be thinned."""
-_CLASSES = 12
-"""Colours of the uncertainty."""
 _MARKS_ALONG = 45.0
 """Heights of a letter along the picture's longer side."""
 _HINT = '<span class="hint">a double click enlarges, with Shift back</span>\n'
@@ -125,11 +123,9 @@ class Plate:
         whole = closed_path(lines)
         parts = [f'<path class="rim" d="{whole}"/>', f'<path class="plain" d="{whole}"/>']
         if scale is not None:
-            classes = [_classes(scale, values) for values in self.uncertainty]
-            shares = (np.arange(_CLASSES) + 0.5) / _CLASSES
+            classes = [scale.classes(values) for values in self.uncertainty]
             for kind, data in class_paths(lines, classes).items():
-                color = theme.NO_EDGE if kind < 0 else scale.color(float(shares[kind]))
-                parts.append(f'<path class="sure" stroke="{color}" d="{data}"/>')
+                parts.append(f'<path class="sure" stroke="{scale.class_color(kind)}" d="{data}"/>')
         return '<g class="result" transform="scale(.01)">' + "\n".join(parts) + "</g>"
 
     def _names(self) -> str:
@@ -149,15 +145,6 @@ class Plate:
             return list(self.frames)
         places = np.linspace(0, count - 1, MAX_FRAMES).round().astype(np.int64)
         return [self.frames[int(place)] for place in places]
-
-
-def _classes(scale: UncertaintyScale, values: FloatArray) -> npt.NDArray[np.int64]:
-    """Class of the piece from each point to the next, that of the worse end; -1 without an edge."""
-    shares = scale.shares(values)
-    worse = np.maximum(shares, np.roll(shares, -1))
-    known = ~np.isnan(worse)
-    steps = np.minimum(np.where(known, worse, 0.0) * _CLASSES, _CLASSES - 1).astype(np.int64)
-    return np.where(known, steps, -1)
 
 
 def _frames(frames: Sequence[Frame]) -> list[str]:

@@ -15,15 +15,16 @@ __all__ = ["SolidResult", "geometry_values", "image_scene", "write_planar", "wri
 
 
 def write_samples(targets: Mapping[str, Target], picture: Picture, result: Any) -> None:
-    """Write mask and labels where asked for; what was not asked for is not touched."""
+    """Write mask and labels, or classes, where asked for; what was not asked for is not touched."""
     from segment.picture import write_labels, write_mask
 
     if "mask" in targets:
         with targets["mask"].open() as path:
             write_mask(path, result.mask, picture, ending=targets["mask"].ending)
     if "labels" in targets:
+        numbers = result.labels if result.classes is None else result.classes
         with targets["labels"].open() as path:
-            write_labels(path, result.labels, picture, ending=targets["labels"].ending)
+            write_labels(path, numbers, picture, ending=targets["labels"].ending)
 
 
 def write_planar(targets: Mapping[str, Target], picture: Picture, result: Any) -> None:

@@ -63,6 +63,8 @@ Places and boxes are indices of rows and columns, of volumes of planes, rows and
 
   tspline segment coins.png --mask coins_mask.png --contour coins.svg
   tspline segment 'scans/*.tif' --mask 'out/{stem}_mask.png' --json
+  tspline segment brain.png --phases 4 --labels classes.tif
+  tspline segment cells.png --separate --labels cells_labels.tif
   tspline segment scans --jobs 4 --table sizes.csv --report scans.html
   tspline segment brain.nii.gz --mask brain_mask.nii.gz --mesh brain.ply
   tspline segment series_folder --labels labels.nrrd --box 10,80,80,50,200,200
@@ -79,7 +81,7 @@ def build_parser() -> CommandParser:
     parser.add_argument("inputs", nargs="*", metavar="IMAGE", help="image files")
     results = parser.add_argument_group("results")
     results.add_argument("--mask", metavar="M.png", help="the inside (.png .tif .bmp .npy .npz .nii .nii.gz .nrrd)")
-    results.add_argument("--labels", metavar="L.tif", help="numbers of connected objects (as --mask, without .bmp)")
+    results.add_argument("--labels", metavar="L.tif", help="numbers of objects; classes with --phases (as --mask)")
     results.add_argument("--contour", metavar="C.svg", help="closed curves (.svg .dxf .geojson)")
     results.add_argument("--mesh", metavar="M.ply", help="volumes: closed triangles (.ply .stl .obj .glb .3mf)")
     results.add_argument("--model", metavar="S.tsp.npz", help="the T-spline, or the grid's field, for tspline.load")
@@ -94,6 +96,9 @@ def build_parser() -> CommandParser:
     where.add_argument("--box", metavar="[p0,]r0,c0,[p1,]r1,c1", type=box, help="box around the objects, in pixels")
     where.add_argument("--init", metavar="M.png", help="mask to start from, or auto, circle or box")
     add_picture_options(start)
+    kinds = parser.add_argument_group("what is told apart")
+    kinds.add_argument("--phases", type=int, metavar="K", help="K classes by brightness or colour, 0 the darkest")
+    kinds.add_argument("--separate", action="store_true", help="keep touching objects apart, each with its contour")
     solver = parser.add_argument_group("solver")
     solver.add_argument("--model-kind", choices=("edges", "auto"), default="auto", help="what bounds an object")
     solver.add_argument("--depth", type=depth, metavar="N", help="finest T-mesh: 2^N cells along the image")
@@ -164,6 +169,8 @@ def _segment(
             max_depth=options.depth,
             solver=options.solver,
             callback=callbacks(show, recorder if options.solver == "tspline" else None),
+            phases=options.phases,
+            separate=options.separate,
         )
     finally:
         finish()
@@ -200,6 +207,9 @@ def _outcome(item: Input, picture: Picture, result: Any, warnings: list[str], of
         "warnings": warnings,
         **of_solid,
     }
+    if result.classes is not None:
+        areas = [int((result.classes == k).sum()) for k in range(len(result.phases))]
+        values |= {"class_areas": areas, "background": int(result.background)}
     objects = "1 object" if result.num_components == 1 else f"{result.num_components} objects"
     ended = "" if result.success else f"; {result.message}"
     summary = f"{item.label}: {objects}, {result.field.num_coefficients:,} coefficients{ended}"

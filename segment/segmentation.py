@@ -17,11 +17,13 @@ from segment.edges import EdgeField, detect_edges
 from segment.frame import ImageFrame
 from segment.grid_segmentation import GridSegmentation
 from segment.image_data import ImageData
+from segment.phases import segmented_into_phases
 from segment.problem import HASTE, enclosure, image_problem
 from segment.pyramid import PyramidLevel, pyramid
 from segment.raster import mask_field
 from segment.result import SegmentResult
 from segment.start import Start, chamber_start
+from segment.touching import Separation
 from tspline import TMesh, TSpline
 from tspline.errors import require
 from tspline.evolve import Evolution, EvolutionStep, EvolveOptions, StepRecord
@@ -50,6 +52,10 @@ def segment_image(
     solver: str = "tspline",
     callback: Callable[[Any], object] | None = None,
     rng: Any = None,
+    *,
+    statistics: str = "auto",
+    phases: int | None = None,
+    separate: bool = False,
 ) -> SegmentResult:
     """Find objects by their edges, as the zero set of one T-spline, or of a field on a grid.
 
@@ -81,6 +87,15 @@ def segment_image(
         set; returning True ends the run.
     rng : None
         Nothing here is random; accepted for the common signature.
+    statistics : str
+        With `phases`: "auto", "means", "gaussian" or "local" (uneven light).
+    phases : int, optional
+        Number of classes, 2 to 8: the image is parted into that many by brightness or colour, each class with a level
+        set of its own; see `SegmentResult.classes`. The class of most of the border is background, all others are
+        foreground.
+    separate : bool
+        Keep touching objects apart: they are cut at necks narrower than 0.65 times the narrower of the parts that a
+        neck joins, and along valleys of brightness. With seeds each seed is one object.
 
     Returns
     -------
@@ -112,16 +127,32 @@ def segment_image(
         require(ok, "max_depth", repr(max_depth), "an integer from 2 to 14, or None")
     data = ImageData.from_array(image, channel_axis)
     start = Start.checked(data.shape, init, seeds, roi)
+    require(isinstance(separate, bool | np.bool_), "separate", repr(separate), "True or False")
+    separation = Separation(data.channels, start.seeds) if separate else None
+    if phases is not None:
+        require(solver == "tspline", "solver", repr(solver), "'tspline' with phases")
+        require(model != "edges", "model", repr(model), "'auto' or 'regions' with phases")
+        return segmented_into_phases(
+            data,
+            start,
+            phases,
+            statistics,
+            side=side,
+            max_depth=max_depth,
+            callback=callback,
+            separation=separation,
+        )
     if solver == "grid":
         on_grid = GridSegmentation(data, start, callback)
         on_grid.begin()
         on_grid.polish()
         found = Found(on_grid.status, on_grid.run.history, on_grid.warnings, on_grid.uncertainty)
-        return assembled(on_grid.field, data.shape, side, found)
+        return assembled(on_grid.field, data.shape, side, found, separation)
     run = _Run(data, start, max_depth, callback)
     run.begin()
     run.polish()
-    return assembled(run.spline, data.shape, side, Found(run.status, run.history, run.warnings, run.uncertainty))
+    found = Found(run.status, run.history, run.warnings, run.uncertainty)
+    return assembled(run.spline, data.shape, side, found, separation)
 
 
 def _checked_spacing(spacing: float | None) -> float:

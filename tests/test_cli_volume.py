@@ -42,6 +42,7 @@ def found_ball(image: Any, *, spacing: Any = None, callback: Any = None, **optio
     return SimpleNamespace(
         mask=mask, labels=mask.astype(np.int32), contours=[], contour_flags=[], field=field, spline=field, success=True,
         status=0, message="fake", nit=1, history=[], num_components=1, warnings=[], to_mesh=field.to_mesh,
+        classes=None,
     )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""Labelling of two regions by convex relaxation: its energy, its bound, its bits."""
+"""Labelling of regions and classes by convex relaxation: its energy, its bound, its bits."""
 
 import os
 import subprocess
@@ -55,8 +55,14 @@ def relax(evidence, edges, spacing, **options):
     )
 
 
+def classes(evidence, edges, spacing, **options):
+    return _core.relaxed_classes(
+        np.ascontiguousarray(evidence, np.float32), np.ascontiguousarray(edges, np.float32), spacing, **options
+    )
+
+
 @pytest.mark.parametrize(
-    "shape, spacing", [((26, 31), (1.0, 1.0)), ((25, 30), (2.0, 0.5)), ((11, 9, 13), (3.0, 1.0, 1.0))]
+    ("shape", "spacing"), [((26, 31), (1.0, 1.0)), ((25, 30), (2.0, 0.5)), ((11, 9, 13), (3.0, 1.0, 1.0))]
 )
 def test_the_minimum_of_the_definition_is_reached(shape, spacing):
     rng = np.random.default_rng(1)
@@ -66,12 +72,13 @@ def test_the_minimum_of_the_definition_is_reached(shape, spacing):
     _, bound = slow_minimum(evidence, edges, spacing)
     scale = min(np.maximum(evidence, 0).sum(), np.maximum(-evidence, 0).sum())
     assert gap <= 1e-5
-    assert u.min() >= 0 and u.max() <= 1
+    assert u.min() >= 0
+    assert u.max() <= 1
     # float32 sums of a few hundred terms
     assert energy(u, evidence, edges, spacing) - bound <= 3e-5 * scale
 
 
-@pytest.mark.parametrize("ratio, kept", [(0.9, False), (1.1, True)])
+@pytest.mark.parametrize(("ratio", "kept"), [(0.9, False), (1.1, True)])
 def test_a_disc_is_kept_above_its_cheeger_constant(ratio, kept):
     """A disc of radius r pays 2 pi r and gains strength pi r^2: it is kept where strength > 2 / r."""
     radius, size = 20.0, 64
@@ -105,7 +112,8 @@ def test_a_start_near_the_answer_saves_steps():
     u, _, _ = relax(evidence, edges, (1, 1), tolerance=1e-5, max_steps=5000)
     again, steps, gap = relax(evidence, edges, (1, 1), start=u, tolerance=3e-4)
     _, cold, _ = relax(evidence, edges, (1, 1), start=np.zeros_like(u), tolerance=3e-4)
-    assert steps < cold and gap <= 3e-4
+    assert steps < cold
+    assert gap <= 3e-4
     assert ((again > 0.5) != (u > 0.5)).mean() < 2e-3
 
 
@@ -118,12 +126,49 @@ def test_one_sided_evidence_labels_everything():
     assert np.array_equal(relax(sign, 0 * ones, (1, 1))[0] > 0.5, sign > 0)
 
 
+def test_two_classes_are_two_regions():
+    rng = np.random.default_rng(4)
+    evidence = rng.standard_normal((50, 60)) + np.where(np.indices((50, 60))[0] < 25, 0.5, -0.5)
+    edges = rng.uniform(0.5, 1, (50, 60))
+    u, _, _ = relax(evidence, edges, (1, 1), max_steps=4000, tolerance=1e-5)
+    shares, _, gap = classes([evidence, 0 * evidence], edges, (1, 1), max_steps=4000, tolerance=1e-5)
+    assert gap <= 1e-5
+    assert np.abs(shares.sum(axis=0) - 1).max() < 1e-5
+    assert abs(energy(shares[0], evidence, edges, (1, 1)) - energy(u, evidence, edges, (1, 1))) < 0.02
+
+
+def test_three_sectors_meet_at_a_straight_y():
+    """Without evidence in the middle the shortest borders go on straight and meet under 120 degrees."""
+    y, x = np.indices((61, 61)) - 30.0
+    sector = np.floor((np.degrees(np.arctan2(y, x)) % 360) / 120).astype(int)
+    known = np.hypot(y, x) > 24
+    evidence = np.where(known, np.where(np.arange(3)[:, None, None] == sector, 5.0, -5.0), 0.0)
+    shares, _, gap = classes(evidence, np.ones((61, 61)), (1, 1), max_steps=3000, tolerance=1e-4)
+    assert gap <= 1e-4
+    wrong = shares.argmax(axis=0) != sector
+    assert wrong.mean() < 0.02
+
+
+@pytest.mark.parametrize("shape", [(40, 44), (12, 14, 13)])
+def test_classes_come_from_noise(shape):
+    rng = np.random.default_rng(5)
+    truth = np.minimum(np.indices(shape)[-1] // (shape[-1] // 4), 3)
+    image = truth + 0.6 * rng.standard_normal(shape)
+    evidence = [-((image - k) ** 2) / (2 * 0.6**2) for k in range(4)]
+    shares, _, _ = classes(evidence, np.ones(shape), [1.0] * len(shape), tolerance=1e-3)
+    assert (shares.argmax(axis=0) == truth).mean() > 0.97
+    again, steps, _ = classes(evidence, np.ones(shape), [1.0] * len(shape), start=shares, tolerance=1e-3)
+    assert steps <= 100
+    assert (again.argmax(axis=0) == shares.argmax(axis=0)).mean() > 0.99
+
+
 def test_the_bits_do_not_depend_on_threads():
     code = (
         "import hashlib, numpy as np; from tspline import _core;"
         "w = np.random.default_rng(0).standard_normal((40, 60, 70)).astype('f4');"
         "u, n, g = _core.relaxed_regions(w, np.ones_like(w), [2.0, 1.0, 1.0]);"
-        "print(hashlib.sha256(u.tobytes()).hexdigest(), n, g)"
+        "c, k, h = _core.relaxed_classes(np.stack([w, -w, 0 * w]), np.ones_like(w), [2.0, 1.0, 1.0]);"
+        "print(hashlib.sha256(u.tobytes() + c.tobytes()).hexdigest(), n, g, k, h)"
     )
     outputs = {
         subprocess.run(
@@ -139,7 +184,7 @@ def test_the_bits_do_not_depend_on_threads():
 
 
 @pytest.mark.parametrize(
-    "change, name",
+    ("change", "name"),
     [
         ({"spacing": [1.0]}, "spacing"),
         ({"spacing": [1.0, 0.0]}, "spacing"),
@@ -155,3 +200,8 @@ def test_bad_arguments_are_named(change, name):
     arguments = {"evidence": ones, "edges": ones, "spacing": [1.0, 1.0], **change}
     with pytest.raises(ValueError, match=name):
         _core.relaxed_regions(**arguments)
+
+
+def test_one_class_alone_is_refused():
+    with pytest.raises(ValueError, match="two classes"):
+        _core.relaxed_classes(np.ones((1, 5, 6), np.float32), np.ones((5, 6), np.float32), [1.0, 1.0])

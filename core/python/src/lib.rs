@@ -9,6 +9,7 @@ mod cloud;
 mod convert;
 mod hierarchy;
 mod mesh;
+mod mixture;
 mod relax;
 mod scan;
 mod sparse_field;
@@ -28,7 +29,9 @@ mod _core {
     #[pymodule_export]
     use super::mesh::TMesh;
     #[pymodule_export]
-    use super::relax::relaxed_regions;
+    use super::mixture::mixture_log_density;
+    #[pymodule_export]
+    use super::relax::{relaxed_classes, relaxed_regions};
     #[pymodule_export]
     use super::scan::scan_convert;
     #[pymodule_export]

@@ -39,7 +39,7 @@ impl<const D: usize> Grid<D> {
 
     /// Rows of a share of the work: the same on any number of threads.
     pub fn chunk(&self) -> usize {
-        (PIXELS / self.cols().max(1)).max(1)
+        (PIXELS / self.cols()).max(1)
     }
 
     /// The grid of half as many pixels an axis.

@@ -4,45 +4,51 @@ use multiversion::multiversion;
 use rayon::prelude::*;
 
 use super::grid::Grid;
+use super::simplex;
 
-/// What is minimised: sum edges |grad u| - evidence u.
+/// What is minimised: the sum over classes of edges |grad u| - evidence u.
 #[derive(Clone, Copy)]
 pub struct Energy<'a> {
+    /// (classes, rows, cols)
     pub evidence: &'a [f32],
     pub edges: &'a [f32],
 }
 
-/// Where the method is. `dual` holds the components of a row one after the other: (rows, D, cols).
+/// Where the method is. One class: u in [0, 1]; several: shares that add up to 1.
 pub struct State {
+    pub classes: usize,
+    /// (rows, classes, cols)
     pub u: Vec<f32>,
     /// Foreseen u, 2 u~ - u.
     pub ahead: Vec<f32>,
+    /// (rows, classes, D, cols)
     pub dual: Vec<f32>,
-    /// Primal steps.
+    /// Primal steps (rows, cols).
     pub tau: Vec<f32>,
 }
 
-/// Dual step, in units of the edges' weight.
+/// Dual step, in units of the edges' weight, and relaxation: 1 is none, below 2 goes beyond the step.
+#[derive(Clone, Copy)]
 pub struct Step {
     pub sigma: f32,
-    /// 1: none, below 2: over-relaxation.
     pub relaxation: f32,
 }
 
-pub fn advance<const D: usize>(grid: &Grid<D>, energy: Energy, state: &mut State, step: &Step) {
-    let (cols, chunk) = (grid.cols(), grid.chunk());
-    let dual = &state.dual;
+pub fn advance<const D: usize>(grid: &Grid<D>, energy: Energy, state: &mut State, step: Step) {
+    let (chunk, size) = (grid.chunk(), grid.cols() * state.classes);
+    let (dual, tau, classes) = (&state.dual, &state.tau, state.classes);
     state
         .u
-        .par_chunks_mut(chunk * cols)
-        .zip(state.ahead.par_chunks_mut(chunk * cols))
+        .par_chunks_mut(chunk * size)
+        .zip(state.ahead.par_chunks_mut(chunk * size))
         .enumerate()
         .for_each(|(k, (u, ahead))| {
             primal_rows(
                 grid,
+                classes,
                 energy.evidence,
                 dual,
-                &state.tau,
+                tau,
                 u,
                 ahead,
                 k * chunk,
@@ -52,15 +58,15 @@ pub fn advance<const D: usize>(grid: &Grid<D>, energy: Energy, state: &mut State
     let ahead = &state.ahead;
     state
         .dual
-        .par_chunks_mut(chunk * D * cols)
+        .par_chunks_mut(chunk * D * size)
         .enumerate()
-        .for_each(|(k, dual)| dual_rows(grid, energy.edges, ahead, dual, k * chunk, step));
+        .for_each(|(k, dual)| dual_rows(grid, classes, energy.edges, ahead, dual, k * chunk, step));
 }
 
 /// The dual that goes with a labelling: along its gradients, as long as it may be.
 pub fn align<const D: usize>(grid: &Grid<D>, edges: &[f32], state: &mut State) {
-    let (cols, chunk) = (grid.cols(), grid.chunk());
-    let u = &state.u;
+    let (chunk, size) = (grid.chunk(), grid.cols() * state.classes);
+    let (u, classes) = (&state.u, state.classes);
     // Any step that is long beside the spacing ends on the ball's surface.
     let step = Step {
         sigma: 1e6 / grid.inverse.iter().copied().fold(0.0, f32::max),
@@ -68,16 +74,23 @@ pub fn align<const D: usize>(grid: &Grid<D>, edges: &[f32], state: &mut State) {
     };
     state
         .dual
-        .par_chunks_mut(chunk * D * cols)
+        .par_chunks_mut(chunk * D * size)
         .enumerate()
-        .for_each(|(k, dual)| dual_rows(grid, edges, u, dual, k * chunk, &step));
+        .for_each(|(k, dual)| dual_rows(grid, classes, edges, u, dual, k * chunk, step));
 }
 
-/// out = div p of a row: minus the adjoint of forward differences. p is 0 on the border's far side.
+/// out = div p of a class in a row: minus the adjoint of forward differences. p is 0 on the border's far side.
 #[inline(always)]
-pub fn divergence<const D: usize>(grid: &Grid<D>, dual: &[f32], row: usize, out: &mut [f32]) {
+pub fn divergence<const D: usize>(
+    grid: &Grid<D>,
+    classes: usize,
+    dual: &[f32],
+    row: usize,
+    class: usize,
+    out: &mut [f32],
+) {
     let n = grid.cols();
-    let of = |row: usize, axis: usize| &dual[(row * D + axis) * n..][..n];
+    let of = |row: usize, axis: usize| &dual[((row * classes + class) * D + axis) * n..][..n];
     let along = of(row, D - 1);
     let scale = grid.inverse[D - 1];
     out[0] = scale * along[0];
@@ -105,6 +118,7 @@ pub fn divergence<const D: usize>(grid: &Grid<D>, dual: &[f32], row: usize, out:
 #[multiversion(targets("x86_64+avx+avx2"))]
 fn primal_rows<const D: usize>(
     grid: &Grid<D>,
+    classes: usize,
     evidence: &[f32],
     dual: &[f32],
     tau: &[f32],
@@ -113,57 +127,78 @@ fn primal_rows<const D: usize>(
     first: usize,
     relaxation: f32,
 ) {
-    let n = grid.cols();
-    for (k, (u, ahead)) in u.chunks_exact_mut(n).zip(ahead.chunks_exact_mut(n)).enumerate() {
+    let (n, size) = (grid.cols(), grid.cols() * classes);
+    for (k, (u, ahead)) in u
+        .chunks_exact_mut(size)
+        .zip(ahead.chunks_exact_mut(size))
+        .enumerate()
+    {
         let row = first + k;
-        divergence(grid, dual, row, ahead);
-        let evidence = &evidence[row * n..][..n];
         let tau = &tau[row * n..][..n];
-        for j in 0..n {
-            let old = u[j];
-            let new = (old + tau[j] * (ahead[j] + evidence[j])).max(0.0).min(1.0);
-            ahead[j] = 2.0 * new - old;
-            u[j] = old + relaxation * (new - old);
+        for class in 0..classes {
+            let ahead = &mut ahead[class * n..][..n];
+            divergence(grid, classes, dual, row, class, ahead);
+            let evidence = &evidence[class * grid.len() + row * n..][..n];
+            let u = &u[class * n..][..n];
+            for j in 0..n {
+                ahead[j] = u[j] + tau[j] * (ahead[j] + evidence[j]);
+            }
+        }
+        if classes == 1 {
+            for a in ahead.iter_mut() {
+                *a = a.clamp(0.0, 1.0);
+            }
+        } else {
+            simplex::project(ahead, classes);
+        }
+        for (u, a) in u.iter_mut().zip(ahead.iter_mut()) {
+            let change = *a - *u;
+            *a += change;
+            *u += relaxation * change;
         }
     }
 }
 
-/// Forward differences of u at a row's pixel, of rows that are u itself beyond the border.
+/// Rows of the next pixels along each axis, of which the last axis' is the row itself; beyond the border also.
 #[inline(always)]
-pub fn after<'a, const D: usize>(grid: &Grid<D>, u: &'a [f32], row: usize) -> [&'a [f32]; D] {
+pub fn after<'a, const D: usize>(
+    grid: &Grid<D>,
+    classes: usize,
+    u: &'a [f32],
+    row: usize,
+    class: usize,
+) -> [&'a [f32]; D] {
     let n = grid.cols();
     std::array::from_fn(|axis| {
-        let other = if axis + 1 < D {
-            grid.after(row, axis).unwrap_or(row)
-        } else {
-            row
-        };
-        &u[other * n..][..n]
+        let next = (axis + 1 < D)
+            .then(|| grid.after(row, axis))
+            .flatten()
+            .unwrap_or(row);
+        &u[(next * classes + class) * n..][..n]
     })
 }
 
 #[multiversion(targets("x86_64+avx+avx2"))]
 fn dual_rows<const D: usize>(
     grid: &Grid<D>,
+    classes: usize,
     edges: &[f32],
     ahead: &[f32],
     dual: &mut [f32],
     first: usize,
-    step: &Step,
+    step: Step,
 ) {
     let n = grid.cols();
     for (k, dual) in dual.chunks_exact_mut(D * n).enumerate() {
-        let row = first + k;
+        let (row, class) = (first + k / classes, k % classes);
         let edges = &edges[row * n..][..n];
-        let own = &ahead[row * n..][..n];
-        let after = after(grid, ahead, row);
+        let after = after(grid, classes, ahead, row, class);
+        let (a, rest) = dual.split_at_mut(n);
         if D == 2 {
-            let (a, b) = dual.split_at_mut(n);
-            dual_plane(grid, edges, own, after[0], [a, b], step);
+            dual_plane(grid, edges, [after[0], after[1]], [a, rest], step);
         } else {
-            let (a, rest) = dual.split_at_mut(n);
             let (b, c) = rest.split_at_mut(n);
-            dual_space(grid, edges, own, [after[0], after[1]], [a, b, c], step);
+            dual_space(grid, edges, [after[0], after[1], after[2]], [a, b, c], step);
         }
     }
 }
@@ -173,10 +208,9 @@ fn dual_rows<const D: usize>(
 fn dual_plane<const D: usize>(
     grid: &Grid<D>,
     edges: &[f32],
-    own: &[f32],
-    below: &[f32],
+    [below, own]: [&[f32]; 2],
     [a, b]: [&mut [f32]; 2],
-    step: &Step,
+    step: Step,
 ) {
     let n = own.len();
     let (edges, below, a, b) = (&edges[..n], &below[..n], &mut a[..n], &mut b[..n]);
@@ -199,10 +233,9 @@ fn dual_plane<const D: usize>(
 fn dual_space<const D: usize>(
     grid: &Grid<D>,
     edges: &[f32],
-    own: &[f32],
-    [behind, below]: [&[f32]; 2],
+    [behind, below, own]: [&[f32]; 3],
     [a, b, c]: [&mut [f32]; 3],
-    step: &Step,
+    step: Step,
 ) {
     let n = own.len();
     let (edges, behind, below) = (&edges[..n], &behind[..n], &below[..n]);
@@ -235,7 +268,9 @@ mod tests {
     use super::*;
 
     fn noise(n: usize) -> Vec<f32> {
-        (0..n).map(|k| (k as f32 * 0.618_034 * (1.0 + k as f32)).fract() - 0.5).collect()
+        (0..n)
+            .map(|k| (k as f32 * 0.618_034 * (1.0 + k as f32)).fract() - 0.5)
+            .collect()
     }
 
     /// <grad u, p> = -<u, div p>.
@@ -259,13 +294,17 @@ mod tests {
             dual[(row * D + D) * n - 1] = 0.0;
         }
         for row in 0..grid.len() / n {
-            divergence(&grid, &dual, row, &mut out);
+            divergence(&grid, 1, &dual, row, 0, &mut out);
             let own = &u[row * n..][..n];
-            let next = after(&grid, &u, row);
+            let next = after(&grid, 1, &u, row, 0);
             for j in 0..n {
                 right -= f64::from(own[j] * out[j]);
                 for axis in 0..D {
-                    let there = if axis + 1 < D { next[axis][j] } else { own[(j + 1).min(n - 1)] };
+                    let there = if axis + 1 < D {
+                        next[axis][j]
+                    } else {
+                        own[(j + 1).min(n - 1)]
+                    };
                     let p = dual[(row * D + axis) * n + j];
                     left += f64::from(grid.inverse[axis] * (there - own[j]) * p);
                 }

@@ -33,7 +33,12 @@ class Input:
     @property
     def stem(self) -> str:
         """The name without folder and ending, which names the outputs."""
-        return "stdin" if self.is_stdin else Path(self.path).stem
+        if self.is_stdin:
+            return "stdin"
+        name = os.path.basename(os.path.abspath(self.path))
+        if os.path.isdir(self.path):  # a series of slices; its name may have dots
+            return name
+        return name[: -len(".nii.gz")] if name.lower().endswith(".nii.gz") else Path(name).stem
 
     @property
     def folder(self) -> str:
@@ -76,7 +81,7 @@ def expand(patterns: Sequence[str], endings: Sequence[str] = (), *, recursive: b
     """
     found: list[Input] = []
     for pattern in patterns:
-        if endings and os.path.isdir(pattern):
+        if endings and os.path.isdir(pattern) and not _is_series(pattern):
             found.extend(Input(name) for name in _files_of(pattern, endings, recursive=recursive))
             continue
         if pattern == "-" or os.path.exists(pattern) or not glob.has_magic(pattern):
@@ -92,16 +97,26 @@ def expand(patterns: Sequence[str], endings: Sequence[str] = (), *, recursive: b
 
 
 def _files_of(folder: str, endings: Sequence[str], *, recursive: bool) -> list[str]:
-    """Files of a folder with one of the endings, sorted; of the folders below after its own."""
+    """Files of a folder with one of the endings, sorted; of the folders below after its own, DICOM series as one."""
     names = []
     for place, below, files in os.walk(folder):
         below[:] = sorted(name for name in below if not name.startswith(".")) if recursive else []
+        if place != folder and _is_series(place):
+            names.append(place)
+            continue
         wanted = (name for name in files if not name.startswith(".") and name.lower().endswith(tuple(endings)))
         names += [os.path.join(place, name) for name in sorted(wanted)]
     if not names:
         where = "there or in a folder below" if recursive else "directly in it (--recursive looks below)"
         raise UsageError(f"{folder}: found no file {where}; accepted is {' '.join(endings)}")
     return names
+
+
+def _is_series(folder: str) -> bool:
+    """Whether a folder holds the slices of a DICOM series, which are one input."""
+    from segment.picture import holds_dicom
+
+    return holds_dicom(Path(folder))
 
 
 def read_stdin() -> bytes:

@@ -19,6 +19,15 @@ from cli.inputs import Input
 __all__ = ["OutputKind", "Target", "plan_outputs", "plan_run_outputs"]
 
 
+_PACKAGES = {
+    ".dxf": ("ezdxf", "dxf"),
+    ".nii": ("nibabel", "medical"),
+    ".nii.gz": ("nibabel", "medical"),
+    ".nrrd": ("nrrd", "medical"),
+}
+"""Packages that formats need, with the extra that brings them."""
+
+
 @dataclass(frozen=True)
 class OutputKind:
     """A kind of result that can be written."""
@@ -163,8 +172,10 @@ def _target(kind: OutputKind, template: str, item: Input, force: bool) -> Target
         found = Path(name).suffix
         what = f"the ending {found!r}" if found else "no ending"
         raise UsageError(f"--{kind.option} {name}: found {what}; accepted is {' '.join(kind.endings)}")
-    if ending == ".dxf" and importlib.util.find_spec("ezdxf") is None:
-        raise UsageError(f"--{kind.option} {name}: DXF needs the package ezdxf: pip install 'tspline[dxf]'")
+    package, extra = _PACKAGES.get(ending, ("", ""))
+    if package and importlib.util.find_spec(package) is None:
+        needed = f"{ending} needs the package {package}: pip install 'tspline[{extra}]'"
+        raise UsageError(f"--{kind.option} {name}: {needed}")
     return Target(name, ending, force)
 
 

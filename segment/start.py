@@ -209,9 +209,7 @@ def _box(shape: tuple[int, int], values: NDArray[Any]) -> BoolArray:
     return box
 
 
-def _seeds(
-    shape: tuple[int, int], seeds: ArrayLike
-) -> tuple[NDArray[np.float64] | None, NDArray[np.int8] | None]:
+def _seeds(shape: tuple[int, int], seeds: ArrayLike) -> tuple[NDArray[np.float64] | None, NDArray[np.int8] | None]:
     """Places, or strokes: an integer image of the image's own shape."""
     values = np.asarray(seeds) if not isinstance(seeds, str) else None
     if values is None or values.shape != shape or values.dtype.kind not in "iub":
@@ -225,7 +223,9 @@ def _places(shape: tuple[int, int], seeds: ArrayLike) -> NDArray[np.float64]:
     try:
         places = np.atleast_2d(np.asarray(seeds, dtype=np.float64))
     except (TypeError, ValueError):
-        raise InvalidArgumentError("seeds", repr(seeds)[:60], "(k, 2) numbers (row, col), or an integer image of strokes") from None
+        raise InvalidArgumentError(
+            "seeds", repr(seeds)[:60], "(k, 2) numbers (row, col), or an integer image of strokes"
+        ) from None
     require(
         places.ndim == 2 and places.shape[1] == 2 and len(places) > 0,
         "seeds",

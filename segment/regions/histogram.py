@@ -64,9 +64,7 @@ class HistogramRegions:
         return total
 
     @staticmethod
-    def _density(
-        place: NDArray[np.int64], shape: tuple[int, ...], width: tuple[float, ...]
-    ) -> NDArray[np.float64]:
+    def _density(place: NDArray[np.int64], shape: tuple[int, ...], width: tuple[float, ...]) -> NDArray[np.float64]:
         size = int(np.prod(shape))
         counts = np.bincount(place, minlength=size).reshape(shape).astype(np.float64)
         smooth = gaussian_filter(counts, width, mode="nearest").ravel()

@@ -38,9 +38,7 @@ class LocalRegions:
         The estimated light.
     """
 
-    def __init__(
-        self, channels: NDArray[np.float32], noise: NDArray[np.float64], window: float | None = None
-    ) -> None:
+    def __init__(self, channels: NDArray[np.float32], noise: NDArray[np.float64], window: float | None = None) -> None:
         self._pixels = Pixels(channels, noise)
         self._channels = channels
         self.window = float(window) if window else max(2.0, WINDOW * max(channels.shape[:-1]))

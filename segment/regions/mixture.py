@@ -31,9 +31,7 @@ class Mixture:
         self.parts, self.shares = parts, shares
 
     @classmethod
-    def of(
-        cls, values: NDArray[np.float64], floor: NDArray[np.float64], start: Mixture | None = None
-    ) -> Mixture:
+    def of(cls, values: NDArray[np.float64], floor: NDArray[np.float64], start: Mixture | None = None) -> Mixture:
         """Fitted to rows (n, c) by expectation-maximisation.
 
         The start is the given mixture, or the clusters of repeated splitting along the direction of largest variance

@@ -11,7 +11,7 @@ from skimage.filters import threshold_otsu
 
 from segment.pyramid import PyramidLevel
 from segment.raster import depth
-from segment.regions import RegionModel, region_model
+from segment.regions import DensityRegions, RegionModel, region_model
 from segment.regions.contrast import length_weights
 from segment.regions.labelling import BOUND, TOLERANCE, bounded, labelled
 from segment.start import Start
@@ -28,8 +28,9 @@ BAND = 6.0
 #: Weight of length, nats a pixel, and how it falls on edges. Textured regions have evidence that hangs together over
 #: many pixels and counts them all: long lengths make up for it. Where nothing is known small objects count.
 TEXTURED, PLAIN = (60.0, 3.0), (1.5, 1.0)
-#: Axes of the ellipse in a box, in which the colours of its object are first looked for.
-ELLIPSE = 0.8
+#: Axes of the ellipses in a box, in which the colours of its object are first looked for: the better of two labellings,
+#: as statistics and labels in turn end in the nearest local optimum.
+ELLIPSES = (0.7, 0.9)
 #: Width in pixels of the coarsest level by which a region that grows may leak.
 NECK = 7
 #: Radius of the disc about a seed, part of the shorter side.
@@ -70,10 +71,18 @@ class RegionStart:
         if case.statistics == "local":
             # Thin things are lost on a coarse level, and light that is uneven is what hides them.
             case, coarse = _Case.of(fine, self.start, self.statistics), fine
-        model = region_model(case.statistics, coarse.channels, coarse.noise)
         weights = length_weights(coarse.channels, *case.length)
-        result = labelled(model, weights, case.begin, case.known, case.domain)
-        inside = case.cleaned(result.inside)
+        inside, least = np.zeros(coarse.shape, bool), np.inf
+        for begin in case.begins:
+            model = region_model(case.statistics, coarse.channels, coarse.noise)
+            result = labelled(model, weights, begin, case.known, case.domain)
+            if not result.inside.any() or result.inside.all():
+                continue
+            energy = result.length / weights.size
+            if isinstance(model, DensityRegions):
+                energy += model.cost(result.inside)
+            if energy < least:
+                inside, least = case.cleaned(result.inside), energy
         if inside.any() and fine is not coarse:
             inside = self._refined(inside, coarse, fine, case)
         return Found(inside, fine)
@@ -113,8 +122,8 @@ class _Case:
 
     Attributes
     ----------
-    begin : ndarray of bool
-        First inside.
+    begins : tuple of ndarray of bool
+        First insides: the labelling of least energy counts.
     known : ndarray of int8 or None
         1 where the object is for sure, -1 where it is not.
     domain : ndarray of bool or None
@@ -126,7 +135,7 @@ class _Case:
         Where the object must hang together with, if it grows.
     """
 
-    begin: BoolArray
+    begins: tuple[BoolArray, ...]
     known: NDArray[np.int8] | None
     domain: BoolArray | None
     statistics: str
@@ -141,7 +150,8 @@ class _Case:
         if start.boxed:
             assert region is not None
             chosen = "mixture" if statistics == "auto" else statistics
-            return cls(_ellipse(region), known, domain, chosen, TEXTURED)
+            axes = ELLIPSES if chosen in ("mixture", "gaussian") else (sum(ELLIPSES) / len(ELLIPSES),)
+            return cls(tuple(_ellipse(region, axis) for axis in axes), known, domain, chosen, TEXTURED)
         if region is None and start.strokes is not None:
             region = start.shrunk_strokes(shape) > 0
         if region is None and start.seeds is not None:
@@ -171,13 +181,13 @@ class _Case:
             chosen = "gaussian" if statistics == "auto" else statistics
             seeded = np.zeros(level.shape, np.int8) if known is None else known.copy()
             seeded[region] = 1
-            return cls(region, seeded, domain, chosen, (2.0, PLAIN[1]), region)
+            return cls((region,), seeded, domain, chosen, (2.0, PLAIN[1]), region)
         chosen = "mixture" if statistics == "auto" else statistics
         if float(evidence[within].mean()) < 0.5:
             closed = np.zeros(level.shape, np.int8) if known is None else known.copy()
             closed[~region] = -1
-            return cls(region, closed, domain, chosen, TEXTURED)
-        return cls(region, known, domain, chosen, TEXTURED)
+            return cls((region,), closed, domain, chosen, TEXTURED)
+        return cls((region,), known, domain, chosen, TEXTURED)
 
     @classmethod
     def _of_nothing(
@@ -192,12 +202,12 @@ class _Case:
         inside = bright if float(bright[edge].mean()) <= 0.5 else ~bright
         if domain is not None:
             inside &= domain
-        return cls(inside, known, domain, "means" if statistics == "auto" else statistics, PLAIN)
+        return cls((inside,), known, domain, "means" if statistics == "auto" else statistics, PLAIN)
 
     def cleaned(self, inside: BoolArray) -> BoolArray:
         """Without specks; of a region that grew, what hangs together with its start by more than a neck."""
         if self.grown_from is None:
-            count, pieces, stats, _ = cv2.connectedComponentsWithStats(inside.astype(np.uint8), connectivity=4)
+            _, pieces, stats, _ = cv2.connectedComponentsWithStats(inside.astype(np.uint8), connectivity=4)
             keep = stats[:, cv2.CC_STAT_AREA] >= LEAST_AREA
             keep[0] = False
             kept: BoolArray = keep[pieces]
@@ -212,13 +222,14 @@ class _Case:
         grown = cv2.dilate(core.astype(np.uint8), disc).astype(bool) & inside
         _, holes = cv2.connectedComponents((~grown).astype(np.uint8), connectivity=4)
         rim = np.unique(np.concatenate([holes[0], holes[-1], holes[:, 0], holes[:, -1]]))
-        return grown | ~np.isin(holes, rim)
+        whole: BoolArray = grown | ~np.isin(holes, rim)
+        return whole
 
 
-def _ellipse(box: BoolArray) -> BoolArray:
+def _ellipse(box: BoolArray, axis: float) -> BoolArray:
     rows, columns = np.flatnonzero(box.any(axis=1)), np.flatnonzero(box.any(axis=0))
     centre = 0.5 * np.array([rows[0] + rows[-1], columns[0] + columns[-1]])
-    half = 0.5 * ELLIPSE * np.array([rows[-1] - rows[0] + 1, columns[-1] - columns[0] + 1])
+    half = 0.5 * axis * np.array([rows[-1] - rows[0] + 1, columns[-1] - columns[0] + 1])
     row, column = np.ogrid[: box.shape[0], : box.shape[1]]
     inside: BoolArray = ((row - centre[0]) / half[0]) ** 2 + ((column - centre[1]) / half[1]) ** 2 <= 1
     return inside if inside.any() else box

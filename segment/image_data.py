@@ -62,8 +62,8 @@ class ImageData:
         Parameters
         ----------
         image : array_like, shape (h, w) or (h, w, 3 | 4), or with the channels on `channel_axis`
-            bool, integer or real. A fourth channel is taken for opacity and dropped; equal colour channels
-            are reduced to one.
+            bool, integer or real. Without `channel_axis` a fourth channel is taken for opacity and dropped; three
+            equal channels are reduced to one.
         channel_axis : int, optional
             Axis of the channels. By default the last axis of a 3D array with 3 or 4 entries.
         spacing : float or pair of float, optional
@@ -164,7 +164,8 @@ def _numeric_array(image: ArrayLike) -> NDArray[Any]:
 
 
 def _channels_last(array: NDArray[Any], channel_axis: int | None) -> NDArray[Any]:
-    """The array as (h, w, c), opacity dropped and equal channels reduced to one."""
+    """The array as (h, w, c), opacity dropped unless the axis was named, three equal channels reduced to one."""
+    opacity = channel_axis is None
     if channel_axis is None and array.ndim == 3:
         if array.shape[2] not in (3, 4):
             raise InvalidArgumentError(
@@ -192,7 +193,7 @@ def _channels_last(array: NDArray[Any], channel_axis: int | None) -> NDArray[Any
     stack = np.moveaxis(array, channel_axis, 2)
     count = stack.shape[2]
     require(count <= 16, "image", f"{count} channels", "1 to 16 channels: volumes are not supported yet")
-    if count == 4:
+    if opacity and count == 4:
         stack = stack[:, :, :3]
     if (
         stack.shape[2] == 3

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from skimage.filters import threshold_otsu
 
 from segment.pyramid import PyramidLevel
 from segment.raster import depth
@@ -194,6 +193,8 @@ class _Case:
         cls, level: PyramidLevel, known: NDArray[np.int8] | None, domain: BoolArray | None, statistics: str
     ) -> _Case:
         """From two classes of brightness; what meets the image's border less is the object."""
+        from skimage.filters import threshold_otsu
+
         values = _principal(level.channels, domain)
         inner = values if domain is None else values[domain]
         bright = values > threshold_otsu(inner)

@@ -46,10 +46,13 @@ def test_a_small_object_sets_the_contrast() -> None:
 def test_colour_is_recognised_and_opacity_dropped() -> None:
     colour = np.stack([disc(), 1 - disc(), 0.5 * disc(), np.ones((64, 64))], axis=-1)
     np.testing.assert_array_equal(ImageData.from_array(colour).channels, colour[:, :, :3].astype(np.float32))
-    np.testing.assert_array_equal(
-        ImageData.from_array(np.moveaxis(colour, 2, 0), channel_axis=0).channels,
-        ImageData.from_array(colour).channels,
-    )
+
+
+@pytest.mark.parametrize("axis", [0, 1, -1])
+def test_a_named_axis_of_four_channels_holds_no_opacity(axis: int) -> None:
+    channels = np.stack([disc(), 1 - disc(), 0.5 * disc(), disc().T], axis=-1)
+    found = ImageData.from_array(np.moveaxis(channels, 2, axis), channel_axis=axis).channels
+    np.testing.assert_array_equal(found, channels.astype(np.float32))
 
 
 def test_equal_channels_become_grey() -> None:

@@ -51,6 +51,7 @@ ON_USE = {
     "nrrd",
     "pydicom",
     "distributed",
+    "skimage",
 }
 DRAWING = ("tspline", "figure")
 

@@ -12,9 +12,9 @@ from segment.edge_targets import APART, Targets
 from segment.edges import EdgeField
 from segment.frame import ImageFrame
 from segment.pyramid import PyramidLevel
-from tspline.speed import AttractionSpeed, Problem, StoppingRule
+from tspline.speed import AttractionSpeed, Problem, Speed, StoppingRule, SumSpeed
 
-__all__ = ["enclosure", "image_problem", "refinement", "refinement_problem"]
+__all__ = ["enclosure", "image_problem", "refinement", "refinement_problem", "region_problem"]
 
 FloatArray = NDArray[np.float64]
 Field = Callable[[FloatArray], FloatArray]
@@ -24,6 +24,9 @@ Field = Callable[[FloatArray], FloatArray]
 HASTE = 6.0
 #: Speed of the shrinking contour where there is no edge, pixels of the coarsest level per unit time.
 BALLOON = -1.0
+#: Attraction to edges beside region statistics: half of what balances full evidence on a sharp edge, so that edges
+#: between the two sides give the place, and edges on one of them do not hold the contour.
+REGION_ATTRACTION = 1.5
 #: Smoothing length in level pixels, and what an uncertainty of one pixel adds.
 SMOOTH = (1.0, 4.0)
 #: Residuals that are no sign of a stranger, level pixels.
@@ -45,6 +48,25 @@ def image_problem(edges: EdgeField, begin: Field, frame: ImageFrame, cell: float
         What is to be resolved, pixels: the side of a T-mesh's cells.
     """
     speed = EdgeSpeed(edges, BALLOON, haste=HASTE)
+    return Problem(speed, begin, frame.bounds, cell, StoppingRule(max_steps=250, tolerance=0.02))
+
+
+def region_problem(region: Speed, edges: EdgeField | None, begin: Field, frame: ImageFrame, cell: float) -> Problem:
+    """A contour that region statistics move, with the attraction to edges where an edge field is given.
+
+    Parameters
+    ----------
+    region : Speed
+        The speed of the statistics.
+    edges : EdgeField or None
+        The edge detector; (4.6) without its balloon is added. None: the statistics alone.
+    begin, frame, cell
+        As for `image_problem`.
+    """
+    speed: Speed = region
+    if edges is not None:
+        edge = EdgeSpeed(edges, 0.0, stiffness=0.0, attraction=REGION_ATTRACTION)
+        speed = SumSpeed(((1.0, region), (1.0, edge)))
     return Problem(speed, begin, frame.bounds, cell, StoppingRule(max_steps=250, tolerance=0.02))
 
 

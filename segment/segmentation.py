@@ -19,9 +19,10 @@ from segment.frame import ImageFrame
 from segment.grid_segmentation import GridSegmentation
 from segment.image_data import ImageData
 from segment.phases import segmented_into_phases
-from segment.problem import HASTE, enclosure, image_problem
+from segment.problem import HASTE, enclosure, image_problem, region_problem
 from segment.pyramid import PyramidLevel, pyramid
 from segment.raster import mask_field
+from segment.region_contour import RegionContour
 from segment.region_start import RegionStart
 from segment.regions import STATISTICS
 from segment.result import SegmentResult
@@ -29,7 +30,8 @@ from segment.start import Start, chamber_start
 from segment.touching import Separation
 from tspline import TMesh, TSpline
 from tspline.errors import require
-from tspline.evolve import Evolution, EvolutionStep, EvolveOptions, StepRecord
+from tspline.evolve import Evolution, EvolutionStep, EvolveOptions, StepRecord, band_mesh
+from tspline.speed import Problem
 
 __all__ = ["segment_image"]
 
@@ -41,6 +43,8 @@ COARSE_CELL = 8.0
 MAX_TIME_STEP = 1.0
 #: Side of the cells along edges while a circle or box shrinks, in pixels of the coarsest level.
 EVOLVE_CELL = 6.0
+#: Rounds in which cells are halved where region statistics contradict the contour, and steps after each.
+HALVINGS, FURTHER_STEPS = 2, 40
 
 
 def segment_image(
@@ -237,7 +241,7 @@ class _Run:
             levels[wrong] += 1
 
     def _evolve(self, edges: EdgeField) -> None:
-        """A circle or box shrinks onto the edges (4.6); inner boundaries come from the chamber rule."""
+        """A circle or box shrinks onto the edges (4.6), or competes for the pixels by region statistics."""
         wall = self.levels[-1].to_full(np.argwhere(edges.wall).astype(np.float64))
         level = min(self.frame.level(EVOLVE_CELL * self.scale), self.max_depth or 14)
         base = min(4, level)
@@ -248,15 +252,12 @@ class _Run:
         self._tell(spline)
         if self.status == 3:
             return
-        problem = image_problem(edges, begin, self.frame, mesh.finest)
-        travel = HASTE * self.scale / mesh.finest
-        options = EvolveOptions(max_travel=travel, max_time_step=MAX_TIME_STEP)
-        evolution = Evolution(spline, problem.speed, options, problem.stopping)
-        result = evolution.run(self._told, 0)
-        self.history.extend(result.history)
-        if self.status != 3:
-            self.status = result.status
-        self.spline = result.spline
+        if self.model != "regions":
+            self._move(image_problem(edges, begin, self.frame, mesh.finest))
+        else:
+            contour = RegionContour(self.base, self.start, self.statistics)
+            self._move(region_problem(contour.speed, edges, begin, self.frame, mesh.finest))
+            self._halve(contour, edges, wall)
         if self.status == 3:
             return
         if self.status == 2:
@@ -264,13 +265,44 @@ class _Run:
             empty = TMesh.uniform(self.frame.bounds, base)
             self.spline = TSpline(empty, np.full(empty.num_functions, self.frame.side))
             return
-        self._carve(edges)
-
-    def _carve(self, edges: EdgeField) -> None:
-        """Drop curves on no edge, cut out inner boundaries, heed seeds and region of interest."""
-        inside = carved(self.spline.to_polylines(), edges, self.start, self.levels[-1])
+        if self.model != "regions":
+            # Drop curves on no edge, cut out inner boundaries, heed seeds and region of interest.
+            inside = carved(self.spline.to_polylines(), edges, self.start, self.levels[-1])
+        else:
+            inside = contour.carved(contour.inside(self.spline))
         if inside is not None:
             self.spline = self._represented(mask_field(inside, self.scale), inside)
+
+    def _move(self, problem: Problem) -> None:
+        """Evolve the spline until it rests."""
+        travel = HASTE * self.scale / problem.spacing
+        options = EvolveOptions(max_travel=travel, max_time_step=MAX_TIME_STEP)
+        first = len(self.history)
+        result = Evolution(self.spline, problem.speed, options, problem.stopping).run(self._told, first)
+        self.history.extend(replace(r, nit=first + k) for k, r in enumerate(result.history, start=1))
+        if self.status != 3:
+            self.status = result.status
+        self.spline = result.spline
+
+    def _halve(self, contour: RegionContour, edges: EdgeField, wall: FloatArray) -> None:
+        """Halve cells where the statistics contradict the contour, and go on from there."""
+        deepest = min(self.frame.level(3.0 * self.scale), self.max_depth or 14)
+        for _ in range(HALVINGS):
+            if self.status in (2, 3):
+                return
+            spline, old = self.spline, self.spline.mesh
+            at = contour.disagreements(spline)
+            levels = old.levels[np.maximum(old.locate(at), 0)] + 1
+            at, levels = at[levels <= deepest], levels[levels <= deepest]
+            if len(at) == 0:
+                return
+            lines = np.vstack(spline.to_polylines())
+            places = np.vstack([wall, lines, at])
+            wanted = np.concatenate([old.levels[np.maximum(old.locate(places[: -len(at)]), 0)], levels])
+            mesh = band_mesh(spline, old.levels[old.locate(lines)], pad=1, base=min(4, deepest), extra=(places, wanted))
+            self.spline, _ = spline.refit(mesh)
+            problem = region_problem(contour.speed, edges, self.spline, self.frame, mesh.finest)
+            self._move(replace(problem, stopping=replace(problem.stopping, max_steps=FURTHER_STEPS)))
 
     def polish(self) -> None:
         """The place, from the coarsest level to the full image."""

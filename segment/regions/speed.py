@@ -4,20 +4,31 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
+from scipy.ndimage import gaussian_filter, map_coordinates
 
+from segment.regions.labelling import BOUND
 from segment.regions.model import RegionModel
 from tspline.speed import LevelSetSamples, LevelSetState, SpeedTerms
 
 __all__ = ["RegionSpeed"]
 
+#: Part of the pixels that the outside needs to be estimated from the contour. Before that the border of the image
+#: stands for it, this wide at most: a contour that has just begun to shrink has nothing outside of it.
+LEAST_OUTSIDE, STRIP = 0.02, 4
+#: Mean evidence, nats a pixel, below which it is noise and moves the contour slower than `pace`.
+LEAST_EVIDENCE = 0.05
+#: Pixels beyond the image over which full evidence for the inside turns into none.
+BEYOND = 2.0
+
 
 class RegionSpeed:
-    """v = pace clip(e, -bound, bound) - stiffness kappa, with e = log p_in - log p_out at the contour.
+    """v = pace clip(e / s, -1, 1) - stiffness kappa, with e the evidence log p_in - log p_out about the contour.
 
-    The gradient flow of region competition (Zhu and Yuille 1996, equation 13), which with two means is the one of Chan
-    and Vese (2001, equation 9) without their delta. The two sides are estimated anew from the field's sign at the pixel
-    centres once `every` steps.
+    The gradient flow of region competition (Zhu and Yuille 1996, equation 13, whose windows the Gaussian mean of e is),
+    which with two means is the one of Chan and Vese (2001, equation 9) without their delta: v > 0 grows the inside
+    where pixels look more like it. s is the median of |e| over the image, so that weak evidence moves a contour as fast
+    as strong evidence and to the same place. The two sides are estimated anew from the field's sign at the pixel
+    centres.
 
     Parameters
     ----------
@@ -31,12 +42,19 @@ class RegionSpeed:
         Length per unit time that full evidence moves the contour.
     stiffness : float
         Weight of curvature, length squared per unit time.
-    bound : float
-        Evidence that counts as full.
+    width : float
+        Standard deviation of the Gaussian mean, pixels.
     known : ndarray of int8, shape `shape`, optional
         1 where a pixel is known to be inside, -1 outside, 0 unknown.
-    every : int
-        Steps between two estimates.
+    domain : ndarray of bool, shape `shape`, optional
+        Pixels that statistics are made of.
+    interval : float
+        Time between two estimates.
+
+    Attributes
+    ----------
+    value : ndarray of float32, shape `shape`
+        clip(e / s, -1, 1) of the last estimate; 0 before the first.
     """
 
     def __init__(
@@ -47,35 +65,58 @@ class RegionSpeed:
         spacing: NDArray[np.float64],
         pace: float = 1.0,
         stiffness: float = 1.0,
-        bound: float = 2.0,
+        width: float = 1.5,
         known: NDArray[np.int8] | None = None,
-        every: int = 3,
+        domain: NDArray[np.bool_] | None = None,
+        interval: float = 2.0,
     ) -> None:
         self.model, self.shape = model, shape
         self._origin, self._spacing = np.asarray(origin, np.float64), np.asarray(spacing, np.float64)
-        self.pace, self.stiffness, self.bound = float(pace), float(stiffness), float(bound)
-        self._known, self._every, self._count = known, every, 0
-        self._evidence = np.zeros(shape, np.float32)
+        self.pace, self.stiffness, self.width = float(pace), float(stiffness), float(width)
+        self._known, self._domain, self._interval = known, domain, float(interval)
+        index = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1).reshape(-1, len(shape))
+        self.centres = self._origin + index * self._spacing
+        self._estimated: float | None = None
+        self.value = np.zeros(shape, np.float32)
 
     def prepare(self, state: LevelSetState) -> None:
-        """Estimate both sides from the field."""
-        self._count += 1
-        if (self._count - 1) % self._every:
+        """Estimate both sides from the field, if the last estimate is older than the interval or of another run."""
+        if self._estimated is not None and 0 <= state.time - self._estimated < self._interval * (1 - 1e-9):
             return
-        index = np.stack(np.meshgrid(*map(np.arange, self.shape), indexing="ij"), axis=-1).reshape(-1, len(self.shape))
-        inside = state.inside(self._origin + index * self._spacing).reshape(self.shape)
-        outside = ~inside
+        self._estimated = state.time
+        self.estimate(state.inside(self.centres).reshape(self.shape))
+
+    def estimate(self, inside: NDArray[np.bool_]) -> None:
+        """Estimate both sides from a mask of the inside, and the speed everywhere from them."""
+        inside, outside = self._sides(inside)
         self.model.update(inside, outside)
-        value = np.clip(self.model.evidence() / self.bound, -1.0, 1.0)
+        evidence = np.clip(self.model.evidence(), -BOUND, BOUND)
+        mean = gaussian_filter(evidence, self.width, mode="nearest", truncate=3.0)
+        heard = mean if self._domain is None else mean[self._domain]
+        typical = max(float(np.median(np.abs(heard))), LEAST_EVIDENCE)
+        self.value = np.clip(mean / np.float32(typical), -1.0, 1.0)
         if self._known is not None:
-            value[self._known > 0], value[self._known < 0] = 1.0, -1.0
-        self._evidence = value
+            self.value[self._known > 0], self.value[self._known < 0] = 1.0, -1.0
+
+    def _sides(self, inside: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        if self._known is not None:
+            inside = (inside | (self._known > 0)) & (self._known >= 0)
+        outside = ~inside
+        if self._domain is not None:
+            inside, outside = inside & self._domain, outside & self._domain
+        if np.count_nonzero(outside) < LEAST_OUTSIDE * inside.size:
+            inner = tuple(slice(w, n - w) for n in self.shape for w in (min(STRIP, n // 4),))
+            strip = np.ones(self.shape, bool)
+            strip[inner] = False
+            strip &= inside if self._known is None else inside & (self._known <= 0)
+            inside, outside = inside & ~strip, outside | strip
+        return inside, outside
 
     def __call__(self, samples: LevelSetSamples) -> SpeedTerms:
         """Terms at the samples; beyond the image all is outside."""
         at = (samples.points - self._origin) / self._spacing
         limit = np.array(self.shape) - 0.5
-        beyond = np.any((at < -0.5) | (at > limit), axis=1)
-        value = map_coordinates(self._evidence, at.T, order=1, mode="nearest").astype(np.float64)
-        value[beyond] = -1.0
+        beyond = np.linalg.norm(at - np.clip(at, -0.5, limit), axis=1)
+        value = map_coordinates(self.value, at.T, order=1, mode="nearest").astype(np.float64)
+        value = np.maximum(value - beyond / BEYOND, -1.0)
         return SpeedTerms(self.pace * value, smoothing=np.full(len(samples), self.stiffness))

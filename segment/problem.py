@@ -14,7 +14,7 @@ from segment.frame import ImageFrame
 from segment.pyramid import PyramidLevel
 from tspline.speed import AttractionSpeed, Problem, Speed, StoppingRule, SumSpeed
 
-__all__ = ["enclosure", "image_problem", "refinement", "refinement_problem", "region_problem"]
+__all__ = ["HASTE", "REGION_BALLOON", "enclosure", "image_problem", "refinement", "refinement_problem", "region_problem"]
 
 FloatArray = NDArray[np.float64]
 Field = Callable[[FloatArray], FloatArray]
@@ -27,6 +27,8 @@ BALLOON = -1.0
 #: Attraction to edges beside region statistics: half of what balances full evidence on a sharp edge, so that edges
 #: between the two sides give the place, and edges on one of them do not hold the contour.
 REGION_ATTRACTION = 1.5
+#: Balloon while a circle or box shrinks by region statistics: a third of their pace.
+REGION_BALLOON = -0.5
 #: Smoothing length in level pixels, and what an uncertainty of one pixel adds.
 SMOOTH = (1.0, 4.0)
 #: Residuals that are no sign of a stranger, level pixels.
@@ -51,7 +53,9 @@ def image_problem(edges: EdgeField, begin: Field, frame: ImageFrame, cell: float
     return Problem(speed, begin, frame.bounds, cell, StoppingRule(max_steps=250, tolerance=0.02))
 
 
-def region_problem(region: Speed, edges: EdgeField | None, begin: Field, frame: ImageFrame, cell: float) -> Problem:
+def region_problem(
+    region: Speed, edges: EdgeField | None, begin: Field, frame: ImageFrame, cell: float, balloon: float = 0.0
+) -> Problem:
     """A contour that region statistics move, with the attraction to edges where an edge field is given.
 
     Parameters
@@ -59,13 +63,16 @@ def region_problem(region: Speed, edges: EdgeField | None, begin: Field, frame: 
     region : Speed
         The speed of the statistics.
     edges : EdgeField or None
-        The edge detector; (4.6) without its balloon is added. None: the statistics alone.
+        The edge detector: its attraction (4.6) is added. None: the statistics alone.
     begin, frame, cell
         As for `image_problem`.
+    balloon : float
+        Speed in level pixels per unit time that is added away from edges. `REGION_BALLOON` brings a contour through
+        places that look like neither side; without one it comes to rest where the statistics are in balance.
     """
     speed: Speed = region
     if edges is not None:
-        edge = EdgeSpeed(edges, 0.0, stiffness=0.0, attraction=REGION_ATTRACTION)
+        edge = EdgeSpeed(edges, balloon, stiffness=0.0, attraction=REGION_ATTRACTION)
         speed = SumSpeed(((1.0, region), (1.0, edge)))
     return Problem(speed, begin, frame.bounds, cell, StoppingRule(max_steps=250, tolerance=0.02))
 

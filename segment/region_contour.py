@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from segment.pyramid import PyramidLevel
 from segment.regions import RegionSpeed, region_model
-from segment.regions.contrast import length_weights
 from segment.regions.labelling import TOLERANCE, bounded
 from segment.start import Start
 from tspline import TSpline, _core
@@ -20,9 +19,11 @@ BoolArray = NDArray[np.bool_]
 FloatArray = NDArray[np.float64]
 
 #: Speed of full evidence, level pixels per unit time, and weight of curvature, level pixels squared per unit time.
-PACE, STIFFNESS = 2.0, 1.0
-#: Weight of length, nats a pixel, and how it falls on edges, of what is cut out of the inside.
-LENGTH = (2.0, 1.0)
+PACE, STIFFNESS = 1.5, 1.0
+#: Weight of the length of what is cut out of the inside, nats a pixel.
+LENGTH = 2.0
+#: Searches for holes, each with statistics without those that were found.
+ROUNDS = 4
 #: Smaller holes and pieces are noise, pixels of the level.
 LEAST_AREA = 6
 #: Part of a cell's pixels that must contradict the sign of the spline for the cell to be halved.
@@ -75,17 +76,24 @@ class RegionContour:
         A contour that comes from outside cannot open a hole. Holes are those of the best labelling of the inside for
         its last statistics.
         """
-        model = self.speed.model
+        first = inside
+        for _ in range(ROUNDS):
+            rest = self._carved(inside)
+            if bool((rest == inside).all()) or not rest.any():
+                break
+            inside = rest
+            self.speed.estimate(inside)
+        return rest if bool((rest != first).any()) else None
+
+    def _carved(self, inside: BoolArray) -> BoolArray:
         known = np.where(inside, 0, -1).astype(np.int8)
         if self._known is not None:
             known = np.where(self._known != 0, self._known, known).astype(np.int8)
-        weights = length_weights(self.level.channels, *LENGTH)
-        share, _, _ = _core.relaxed_regions(
-            bounded(model.evidence(), known), weights, [1.0, 1.0], tolerance=TOLERANCE
-        )
+        weights = np.full(self.level.shape, LENGTH, np.float32)
+        evidence = bounded(self.speed.evidence, known)
+        share, _, _ = _core.relaxed_regions(evidence, weights, [1.0, 1.0], tolerance=TOLERANCE)
         labelled = (share > 0.5) & inside
-        rest = self.start.heeded(_with_holes(inside, labelled), self.level)
-        return rest if bool((rest != inside).any()) else None
+        return self.start.heeded(_with_holes(inside, labelled), self.level)
 
     def disagreements(self, spline: TSpline) -> FloatArray:
         """Places in the cells that the contour crosses in which many pixels contradict the spline, shape (k, 2)."""

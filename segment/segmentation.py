@@ -19,7 +19,7 @@ from segment.frame import ImageFrame
 from segment.grid_segmentation import GridSegmentation
 from segment.image_data import ImageData
 from segment.phases import segmented_into_phases
-from segment.problem import HASTE, enclosure, image_problem, region_problem
+from segment.problem import HASTE, REGION_BALLOON, enclosure, image_problem, region_problem
 from segment.pyramid import PyramidLevel, pyramid
 from segment.raster import mask_field
 from segment.region_contour import RegionContour
@@ -44,7 +44,7 @@ MAX_TIME_STEP = 1.0
 #: Side of the cells along edges while a circle or box shrinks, in pixels of the coarsest level.
 EVOLVE_CELL = 6.0
 #: Rounds in which cells are halved where region statistics contradict the contour, and steps after each.
-HALVINGS, FURTHER_STEPS = 2, 40
+HALVINGS, FURTHER_STEPS = 2, 100
 
 
 def segment_image(
@@ -256,7 +256,7 @@ class _Run:
             self._move(image_problem(edges, begin, self.frame, mesh.finest))
         else:
             contour = RegionContour(self.base, self.start, self.statistics)
-            self._move(region_problem(contour.speed, edges, begin, self.frame, mesh.finest))
+            self._move(region_problem(contour.speed, edges, begin, self.frame, mesh.finest, REGION_BALLOON))
             self._halve(contour, edges, wall)
         if self.status == 3:
             return
@@ -285,23 +285,25 @@ class _Run:
         self.spline = result.spline
 
     def _halve(self, contour: RegionContour, edges: EdgeField, wall: FloatArray) -> None:
-        """Halve cells where the statistics contradict the contour, and go on from there."""
+        """Come to rest without the balloon, on cells that are halved where the statistics contradict the contour."""
         deepest = min(self.frame.level(3.0 * self.scale), self.max_depth or 14)
-        for _ in range(HALVINGS):
+        for turn in range(HALVINGS + 1):
             if self.status in (2, 3):
                 return
-            spline, old = self.spline, self.spline.mesh
-            at = contour.disagreements(spline)
-            levels = old.levels[np.maximum(old.locate(at), 0)] + 1
-            at, levels = at[levels <= deepest], levels[levels <= deepest]
-            if len(at) == 0:
-                return
-            lines = np.vstack(spline.to_polylines())
-            places = np.vstack([wall, lines, at])
-            wanted = np.concatenate([old.levels[np.maximum(old.locate(places[: -len(at)]), 0)], levels])
-            mesh = band_mesh(spline, old.levels[old.locate(lines)], pad=1, base=min(4, deepest), extra=(places, wanted))
-            self.spline, _ = spline.refit(mesh)
-            problem = region_problem(contour.speed, edges, self.spline, self.frame, mesh.finest)
+            if turn:
+                spline, old = self.spline, self.spline.mesh
+                at = contour.disagreements(spline)
+                levels = old.levels[np.maximum(old.locate(at), 0)] + 1
+                at, levels = at[levels <= deepest], levels[levels <= deepest]
+                if len(at) == 0:
+                    return
+                lines = np.vstack(spline.to_polylines())
+                kept = np.vstack([wall, lines])
+                here = old.levels[np.maximum(old.locate(kept), 0)]
+                extra = np.vstack([kept, at]), np.concatenate([here, levels])
+                mesh = band_mesh(spline, here[len(wall) :], pad=1, base=min(4, deepest), extra=extra)
+                self.spline, _ = spline.refit(mesh)
+            problem = region_problem(contour.speed, edges, self.spline, self.frame, self.spline.mesh.finest)
             self._move(replace(problem, stopping=replace(problem.stopping, max_steps=FURTHER_STEPS)))
 
     def polish(self) -> None:

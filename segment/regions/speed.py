@@ -14,9 +14,15 @@ __all__ = ["RegionSpeed"]
 
 #: Part of the pixels that the outside needs to be estimated from the contour. Before that the border of the image
 #: stands for it, this wide at most: a contour that has just begun to shrink has nothing outside of it.
-LEAST_OUTSIDE, STRIP = 0.02, 4
+LEAST_OUTSIDE, STRIP = 0.4, 4
 #: Mean evidence, nats a pixel, below which it is noise and moves the contour slower than `pace`.
-LEAST_EVIDENCE = 0.05
+LEAST_EVIDENCE = 0.5
+#: Each interval between two estimates is that many times the one before, up to that many times the first: between two
+#: estimates a contour can come to rest.
+LONGER, LONGEST = 1.2, 3.0
+#: Evidence of a pixel counts up to that many times its median: a side that is far from doubt has no more weight at the
+#: contour than one that is close to it, which would shift the contour.
+CUT = 4.0
 #: Pixels beyond the image over which full evidence for the inside turns into none.
 BEYOND = 2.0
 
@@ -49,10 +55,12 @@ class RegionSpeed:
     domain : ndarray of bool, shape `shape`, optional
         Pixels that statistics are made of.
     interval : float
-        Time between two estimates.
+        Time between the first two estimates; the others follow in longer and longer intervals.
 
     Attributes
     ----------
+    evidence : ndarray of float32, shape `shape`
+        e of the last estimate, nats a pixel; 0 before the first.
     value : ndarray of float32, shape `shape`
         clip(e / s, -1, 1) of the last estimate; 0 before the first.
     """
@@ -73,17 +81,20 @@ class RegionSpeed:
         self.model, self.shape = model, shape
         self._origin, self._spacing = np.asarray(origin, np.float64), np.asarray(spacing, np.float64)
         self.pace, self.stiffness, self.width = float(pace), float(stiffness), float(width)
-        self._known, self._domain, self._interval = known, domain, float(interval)
+        self._known, self._domain, self._first = known, domain, float(interval)
         index = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1).reshape(-1, len(shape))
         self.centres = self._origin + index * self._spacing
-        self._estimated: float | None = None
+        self._last, self._interval = 0.0, 0.0
+        self.evidence = np.zeros(shape, np.float32)
         self.value = np.zeros(shape, np.float32)
 
     def prepare(self, state: LevelSetState) -> None:
         """Estimate both sides from the field, if the last estimate is older than the interval or of another run."""
-        if self._estimated is not None and 0 <= state.time - self._estimated < self._interval * (1 - 1e-9):
+        if 0 <= state.time - self._last < self._interval * (1 - 1e-9):
             return
-        self._estimated = state.time
+        again = self._interval > 0 and state.time >= self._last
+        self._last = state.time
+        self._interval = min(LONGER * self._interval, LONGEST * self._first) if again else self._first
         self.estimate(state.inside(self.centres).reshape(self.shape))
 
     def estimate(self, inside: NDArray[np.bool_]) -> None:
@@ -91,12 +102,17 @@ class RegionSpeed:
         inside, outside = self._sides(inside)
         self.model.update(inside, outside)
         evidence = np.clip(self.model.evidence(), -BOUND, BOUND)
-        mean = gaussian_filter(evidence, self.width, mode="nearest", truncate=3.0)
-        heard = mean if self._domain is None else mean[self._domain]
-        typical = max(float(np.median(np.abs(heard))), LEAST_EVIDENCE)
-        self.value = np.clip(mean / np.float32(typical), -1.0, 1.0)
+        cut = np.float32(CUT) * self._typical(evidence)
+        mean = gaussian_filter(np.clip(evidence, -cut, cut), self.width, mode="nearest", truncate=3.0)
+        self.evidence = np.asarray(mean, np.float32)
+        full = max(self._typical(self.evidence), np.float32(LEAST_EVIDENCE))
+        self.value = np.clip(self.evidence / full, -1.0, 1.0)
         if self._known is not None:
             self.value[self._known > 0], self.value[self._known < 0] = 1.0, -1.0
+
+    def _typical(self, evidence: NDArray[np.float32]) -> np.float32:
+        heard = evidence if self._domain is None else evidence[self._domain]
+        return np.float32(np.median(np.abs(heard)))
 
     def _sides(self, inside: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         if self._known is not None:

@@ -101,10 +101,8 @@ def morphological_regions(image: Image, start: Mask, *, steps: int = 100, smooth
 def two_means(image: Image, start: Mask, *, mu: float = 0.1, steps: int = 200) -> Mask:
     """scikit-image's Chan-Vese level set; `mu` weighs the contour's length; its default start for the whole image."""
     values = grey(image)
-    level = "checkerboard"
-    if not start.all():
-        level = ndimage.distance_transform_edt(start) - ndimage.distance_transform_edt(~start)
-    return _object_phase(chan_vese(values, mu=mu, max_num_iter=steps, init_level_set=level), start, values)
+    level = "checkerboard" if start.all() else np.where(start, 1.0, -1.0)
+    return _object_phase(chan_vese(values, mu=mu, max_num_iter=steps, tol=1e-4, init_level_set=level), start, values)
 
 
 def morphological_edges(image: Image, start: Mask, *, steps: int, balloon: float, sigma: float) -> Mask:

@@ -71,20 +71,25 @@ class Case:
 def snakes(steps: int, balloon: float) -> Peer:
     """The morphological snake with scikit-image's choice of threshold, at two scales."""
     grid = [{"steps": steps, "balloon": balloon, "sigma": sigma} for sigma in (1.0, 2.0)]
-    return Peer("scikit-image snake", peers.morphological_edges, grid)
+    return Peer("scikit-image snake, tuned", peers.morphological_edges, grid)
+
+
+def edge_grid(propagation: float) -> list[dict[str, Any]]:
+    """Scales and sigmoids of ITK's geodesic active contour."""
+    return [{"sigma": s, "middle": m, "propagation": propagation} for s in (1.0, 2.0) for m in (0.1, 0.25)]
 
 
 GRABCUT = Peer("GrabCut, default", peers.grabcut)
 OTSU = Peer("Otsu", peers.otsu)
 REGIONS = Peer("scikit-image morphological Chan-Vese", peers.morphological_regions, [{"steps": 40}])
-MEANS = Peer("scikit-image Chan-Vese", peers.two_means, [{"mu": mu, "steps": 50} for mu in (0.02, 0.1)])
+MEANS = Peer("scikit-image Chan-Vese, tuned", peers.two_means, [{"mu": mu, "steps": 50} for mu in (0.02, 0.1)])
 LEVELS = [{"iterations": n, "sigma": s, "dark": 30, "bright": 150} for n, s in ((1, 1.0), (5, 0.0))]
 """Grey values as in scikit-image's gallery example on the coins."""
 CASES = {
     "coins": Case(
         Start(),
         [
-            Peer("GrabCut, default, box of the object", partial(peers.grabcut_box, box=(2, 0, 302, 383))),
+            Peer("GrabCut, default, box 10 % larger", partial(peers.grabcut_box, box=(2, 0, 302, 383))),
             Peer("GrabCut, tuned", peers.grabcut_levels, LEVELS),
             Peer("GrabCut, tuned, light evened", peers.grabcut_otsu, [{"iterations": 2, "sigma": 1.0, "flat": 101}]),
             OTSU,
@@ -104,9 +109,7 @@ CASES = {
             REGIONS,
             MEANS,
             snakes(150, -1.0),
-            Peer(
-                "SimpleITK geodesic contour", peers.itk_edges, [{"sigma": s, "propagation": -1.0} for s in (1.0, 2.0)]
-            ),
+            Peer("SimpleITK geodesic contour, tuned", peers.itk_edges, edge_grid(-1.0)),
         ],
         None,
     ),
@@ -128,7 +131,7 @@ CASES = {
             Peer("GrabCut, default, box 10 % larger", partial(peers.grabcut_box, box=(51, 43, 192, 194))),
             Peer("SimpleITK threshold level set, tuned", peers.itk_range, [{"width": w} for w in (2.0, 2.5, 3.0)]),
             Peer("SimpleITK confidence connected", peers.itk_confidence, [{"multiplier": 2.5}]),
-            Peer("SimpleITK geodesic contour", peers.itk_edges, [{"sigma": 2.0, "propagation": 1.0, "middle": 0.25}]),
+            Peer("SimpleITK geodesic contour, tuned", peers.itk_edges, edge_grid(1.0)),
             OTSU,
             REGIONS,
             snakes(100, 1.0),

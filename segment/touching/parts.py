@@ -10,9 +10,6 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, generate_binary_structure
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
-from skimage.measure import label
-from skimage.morphology import local_maxima, reconstruction
-from skimage.segmentation import watershed
 
 __all__ = ["LEAST", "NECK", "contacts", "half_widths", "parted"]
 
@@ -66,6 +63,10 @@ def parted(
     ----------
     .. [1] P. Soille, "Morphological Image Analysis", Springer 2003, sections 6.3.4 and 9.2.
     """
+    from skimage.measure import label
+    from skimage.morphology import local_maxima, reconstruction
+    from skimage.segmentation import watershed
+
     every = generate_binary_structure(mask.ndim, mask.ndim)
     if not mask.any():
         return np.zeros(mask.shape, np.int32)

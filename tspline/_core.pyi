@@ -13,8 +13,11 @@ __all__ = [
     "System",
     "TMesh",
     "locate_cells",
+    "mixture_log_density",
     "num_threads",
     "planes",
+    "relaxed_classes",
+    "relaxed_regions",
     "scan_convert",
     "sides_of",
 ]
@@ -181,6 +184,28 @@ class Hierarchy:
 
 def num_threads() -> int: ...
 def planes(cloud: _Floats, queries: _Floats, patches: _Ints) -> tuple[_Floats, _Floats, _Floats]: ...
+def mixture_log_density(
+    values: NDArray[np.float32],
+    whitening: NDArray[np.float32],
+    centres: NDArray[np.float32],
+    constants: NDArray[np.float32],
+) -> NDArray[np.float32]: ...
+def relaxed_classes(
+    evidence: NDArray[np.float32],
+    edges: NDArray[np.float32],
+    spacing: Sequence[float],
+    start: NDArray[np.float32] | None = None,
+    max_steps: int = 500,
+    tolerance: float = 3e-4,
+) -> tuple[NDArray[np.float32], int, float]: ...
+def relaxed_regions(
+    evidence: NDArray[np.float32],
+    edges: NDArray[np.float32],
+    spacing: Sequence[float],
+    start: NDArray[np.float32] | None = None,
+    max_steps: int = 500,
+    tolerance: float = 3e-4,
+) -> tuple[NDArray[np.float32], int, float]: ...
 def scan_convert(
     vertices: _Floats,
     faces: NDArray[np.uint32],

@@ -149,7 +149,8 @@ def main() -> None:
     if not chosen.peer_only:
         rows = [ours(data, case, size) for size in sizes for case in cases]
         tables = {"Contours, default options": rows, "Summary": summary(rows)}
-    tables["Peers, the best options for every image"] = [peer(data, c, s) for s in peer_sizes for c in cases]
+    if peer_sizes:
+        tables["Peers, the best options for every image"] = [peer(data, c, s) for s in peer_sizes for c in cases]
     report.publish("subpixel", tables, chosen.json)
 
 

@@ -37,8 +37,8 @@ def write_planar(targets: Mapping[str, Target], picture: Picture, result: Any) -
     spacing = geometry.spacing if geometry.is_physical else None
     frame = ContourFrame.of_image(picture.shape, spacing=spacing, unit=geometry.unit, place=_place(picture))
     with targets["contour"].open() as path:
-        ending = targets["contour"].ending
-        write_contours(path, result.contours, frame, border=result.contour_flags, ending=ending)
+        told = {"border": result.contour_flags, "labels": result.contour_labels, "ending": targets["contour"].ending}
+        write_contours(path, result.contours, frame, **told)
 
 
 def _place(picture: Picture) -> dict[str, Any]:

@@ -189,7 +189,9 @@ def _segment(
         sure = None if recorder is None else (result.contours, result.contour_uncertainty)
         write_drawings(targets, lambda _: image_scene(picture), recorder, drawn, title=title, certainty=sure)
     outcome = _outcome(item, picture, result, warnings, of_solid)
-    outcome.parts = parts_of(wanted, item, picture.pixels, result, recorder, outcome)
+    known = picture.geometry.is_physical
+    side, unit = (picture.spacing, picture.geometry.unit) if known else (None, "")
+    outcome.parts = parts_of(wanted, item, picture.pixels, result, recorder, outcome, spacing=side, unit=unit)
     return outcome
 
 

@@ -7,15 +7,17 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from segment.beginning import beginning
 from segment.carving import carved
 from segment.edge_targets import Targets, edge_targets
 from segment.edges import EdgeField, detect_edges
 from segment.frame import ImageFrame
 from segment.image_data import ImageData
-from segment.problem import enclosure, image_problem, refinement, refinement_problem
+from segment.problem import REGION_BALLOON, enclosure, image_problem, refinement, refinement_problem, region_problem
 from segment.pyramid import PyramidLevel, pyramid
 from segment.raster import mask_field
-from segment.start import Start, chamber_start
+from segment.region_contour import RegionContour
+from segment.start import Start
 from tspline.grid import Grid, GridField
 from tspline.sparse_field import GridRun, MarchStep
 
@@ -42,6 +44,8 @@ class GridSegmentation:
         How to begin.
     callback : callable, optional
         Gets a `MarchStep` after each step; returning True ends the run.
+    model, statistics : str
+        See `segment_image`.
 
     Attributes
     ----------
@@ -53,8 +57,18 @@ class GridSegmentation:
         Of the last edge points.
     """
 
-    def __init__(self, data: ImageData, start: Start, callback: Callable[[MarchStep], object] | None = None) -> None:
+    def __init__(
+        self,
+        data: ImageData,
+        start: Start,
+        callback: Callable[[MarchStep], object] | None = None,
+        model: str = "auto",
+        statistics: str = "auto",
+    ) -> None:
         self.levels: list[PyramidLevel] = pyramid(data)
+        self.model, self.statistics = model, statistics
+        #: Level on which the topology was found.
+        self.base = self.levels[-1]
         self.start = start
         self.frame = ImageFrame.around(data.shape, self.levels[-1].scale, circle=start.kind == "circle")
         self.run = GridRun(callback)
@@ -64,23 +78,29 @@ class GridSegmentation:
         self.field: GridField
 
     def begin(self) -> None:
-        """The topology, on the coarsest level."""
-        level = self.levels[-1]
-        edges = detect_edges(level, None)
+        """The topology, on a coarse level."""
+        edges = detect_edges(self.levels[-1], None)
         if self.start.kind in ("circle", "box"):
             self._evolve(edges)
         else:
-            inside = chamber_start(edges, self.start)
-            self.status = 0 if inside.any() else 2
-            self.field = self._gridded(mask_field(inside, level.scale), level.scale)
+            found = beginning(self.levels, edges, self.start, self.model, self.statistics)
+            self.base, scale = found.level, found.level.scale
+            self.status = 0 if found.inside.any() else 2
+            self.field = self._gridded(mask_field(found.inside, scale), scale)
         if self.status != 3 and self.run.tell(self.field, "evolve"):
             self.status = 3
 
     def _evolve(self, edges: EdgeField) -> None:
-        """A circle or box shrinks onto the edges (4.6); inner boundaries come from the chamber rule."""
-        level = self.levels[-1]
+        """A circle or box shrinks onto the edges (4.6), or competes for the pixels by region statistics."""
+        level = self.base
         begin = enclosure(self.start.kind, self.frame, level.scale)
-        problem = image_problem(edges, begin, self.frame, EVOLVE_CELL * level.scale)
+        cell = EVOLVE_CELL * level.scale
+        contour = RegionContour(level, self.start, self.statistics) if self.model == "regions" else None
+        problem = (
+            image_problem(edges, begin, self.frame, cell)
+            if contour is None
+            else region_problem(contour.speed, edges, begin, self.frame, cell, REGION_BALLOON)
+        )
         self.field = self._gridded(begin, SHRINK_SPACING * level.scale)
         if self.run.tell(self.field, "evolve"):
             self.status = 3
@@ -88,7 +108,19 @@ class GridSegmentation:
         self.field, self.status = self.run.solve(problem, self.field)
         if self.status in (2, 3):
             return
-        inside = carved(self.field.to_polylines(), edges, self.start, level)
+        if contour is None:
+            # Inner boundaries come from the chamber rule.
+            inside = carved(self.field.to_polylines(), edges, self.start, level)
+        else:
+            # To rest without the balloon, on nodes as fine as T-meshes become by halving.
+            self.field = self.field.rescaled(self._grid(level.scale))
+            problem = region_problem(contour.speed, edges, self.field, self.frame, 0.5 * cell)
+            self.field, self.status = self.run.solve(problem, self.field)
+            if self.status in (2, 3):
+                return
+            inside = contour.carved(contour.inside(self.field))
+            if inside is not None and not inside.any():
+                self.status = 2
         if inside is None:
             self.field = self.field.rescaled(self._grid(level.scale))
         else:
@@ -96,7 +128,7 @@ class GridSegmentation:
 
     def polish(self) -> None:
         """The place, from the coarsest level to the full image."""
-        for k, level in enumerate(reversed(self.levels)):
+        for k, level in enumerate(reversed(self.levels[: self.base.index + 1])):
             if self.status in (2, 3):
                 return
             if k:

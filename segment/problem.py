@@ -14,7 +14,15 @@ from segment.frame import ImageFrame
 from segment.pyramid import PyramidLevel
 from tspline.speed import AttractionSpeed, Problem, Speed, StoppingRule, SumSpeed
 
-__all__ = ["HASTE", "REGION_BALLOON", "enclosure", "image_problem", "refinement", "refinement_problem", "region_problem"]
+__all__ = [
+    "HASTE",
+    "REGION_BALLOON",
+    "enclosure",
+    "image_problem",
+    "refinement",
+    "refinement_problem",
+    "region_problem",
+]
 
 FloatArray = NDArray[np.float64]
 Field = Callable[[FloatArray], FloatArray]

@@ -125,4 +125,5 @@ def _with_holes(inside: BoolArray, labelled: BoolArray) -> BoolArray:
     beside[[0, -1]] = beside[:, [0, -1]] = True
     hole[np.unique(gaps[beside])] = False
     hole[0] = False
-    return result & ~hole[gaps]
+    without: BoolArray = result & ~hole[gaps]
+    return without

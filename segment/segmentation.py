@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from segment.assembly import Found, assembled
+from segment.beginning import beginning
 from segment.carving import carved
-from segment.choice import edges_suffice
 from segment.contour_fit import ContourFit
 from segment.edges import EdgeField, detect_edges
 from segment.frame import ImageFrame
@@ -23,10 +23,9 @@ from segment.problem import HASTE, REGION_BALLOON, enclosure, image_problem, reg
 from segment.pyramid import PyramidLevel, pyramid
 from segment.raster import mask_field
 from segment.region_contour import RegionContour
-from segment.region_start import RegionStart
 from segment.regions import STATISTICS
 from segment.result import SegmentResult
-from segment.start import Start, chamber_start
+from segment.start import Start
 from segment.touching import Separation
 from tspline import TMesh, TSpline
 from tspline.errors import require
@@ -148,13 +147,14 @@ def segment_image(
             callback=callback,
             separation=separation,
         )
+    chosen = model if statistics == "auto" else "regions"
     if solver == "grid":
-        on_grid = GridSegmentation(data, start, callback)
+        on_grid = GridSegmentation(data, start, callback, chosen, statistics)
         on_grid.begin()
         on_grid.polish()
         found = Found(on_grid.status, on_grid.run.history, on_grid.warnings, on_grid.uncertainty)
         return assembled(on_grid.field, data.shape, side, found, separation)
-    run = _Run(data, start, max_depth, callback, model if statistics == "auto" else "regions", statistics)
+    run = _Run(data, start, max_depth, callback, chosen, statistics)
     run.begin()
     run.polish()
     found = Found(run.status, run.history, run.warnings, run.uncertainty)
@@ -208,19 +208,12 @@ class _Run:
         if self.start.kind in ("circle", "box"):
             self._evolve(edges)
             return
-        inside = chamber_start(edges, self.start) if self.model != "regions" else None
-        if inside is None or (self.model == "auto" and not self._by_edges(edges, inside)):
-            found = RegionStart(self.levels, self.start, self.statistics).find()
-            inside, self.base = self.start.heeded(found.inside, found.level), found.level
-        if not inside.any():
+        found = beginning(self.levels, edges, self.start, self.model, self.statistics)
+        self.base = found.level
+        if not found.inside.any():
             self.status = 2
-        field = mask_field(inside, self.scale)
-        self.spline = self._represented(field, inside)
+        self.spline = self._represented(mask_field(found.inside, self.scale), found.inside)
         self._tell()
-
-    def _by_edges(self, edges: EdgeField, inside: NDArray[np.bool_]) -> bool:
-        box = self.start.shrunk_region(self.levels[-1].shape) if self.start.boxed else None
-        return edges_suffice(edges, inside, box)
 
     def _represented(self, field: Callable[[FloatArray], FloatArray], inside: NDArray[np.bool_]) -> TSpline:
         """The field on a mesh whose cells are fine along the mask's outline."""
@@ -252,10 +245,10 @@ class _Run:
         self._tell(spline)
         if self.status == 3:
             return
-        if self.model != "regions":
+        contour = RegionContour(self.base, self.start, self.statistics) if self.model == "regions" else None
+        if contour is None:
             self._move(image_problem(edges, begin, self.frame, mesh.finest))
         else:
-            contour = RegionContour(self.base, self.start, self.statistics)
             self._move(region_problem(contour.speed, edges, begin, self.frame, mesh.finest, REGION_BALLOON))
             self._halve(contour, edges, wall)
         if self.status == 3:
@@ -265,7 +258,7 @@ class _Run:
             empty = TMesh.uniform(self.frame.bounds, base)
             self.spline = TSpline(empty, np.full(empty.num_functions, self.frame.side))
             return
-        if self.model != "regions":
+        if contour is None:
             # Drop curves on no edge, cut out inner boundaries, heed seeds and region of interest.
             inside = carved(self.spline.to_polylines(), edges, self.start, self.levels[-1])
         else:

@@ -1,0 +1,38 @@
+"""Where a contour begins that does not have to shrink: by edges or by the statistics of regions."""
+
+from __future__ import annotations
+
+from segment.choice import edges_suffice
+from segment.edges import EdgeField
+from segment.pyramid import PyramidLevel
+from segment.region_start import Found, RegionStart
+from segment.start import Start, chamber_start
+
+__all__ = ["beginning"]
+
+
+def beginning(
+    levels: list[PyramidLevel], edges: EdgeField, start: Start, model: str = "auto", statistics: str = "auto"
+) -> Found:
+    """The inside to begin with, and the level that it was found on.
+
+    Parameters
+    ----------
+    levels : list of PyramidLevel
+        From the full image to the coarsest.
+    edges : EdgeField
+        Of the coarsest level.
+    start : Start
+    model : "auto", "edges" or "regions"
+        "auto" takes the chambers of the edges where these explain the edges of the image, and labels else.
+    statistics : str
+        As for `RegionStart`.
+    """
+    coarse = levels[-1]
+    if model != "regions":
+        inside = chamber_start(edges, start)
+        box = start.shrunk_region(coarse.shape) if start.boxed else None
+        if model == "edges" or edges_suffice(edges, inside, box):
+            return Found(inside, coarse)
+    found = RegionStart(levels, start, statistics).find()
+    return Found(start.heeded(found.inside, found.level), found.level)

@@ -42,6 +42,8 @@ COARSE_CELL = 8.0
 MAX_TIME_STEP = 1.0
 #: Side of the cells along edges while a circle or box shrinks, in pixels of the coarsest level.
 EVOLVE_CELL = 6.0
+#: The same for region statistics, whose cells are halved where that is too large.
+REGION_CELL = 10.0
 #: Rounds in which cells are halved where region statistics contradict the contour, and steps after each.
 HALVINGS, FURTHER_STEPS = 2, 100
 
@@ -236,7 +238,8 @@ class _Run:
     def _evolve(self, edges: EdgeField) -> None:
         """A circle or box shrinks onto the edges (4.6), or competes for the pixels by region statistics."""
         wall = self.levels[-1].to_full(np.argwhere(edges.wall).astype(np.float64))
-        level = min(self.frame.level(EVOLVE_CELL * self.scale), self.max_depth or 14)
+        cell = REGION_CELL if self.model == "regions" else EVOLVE_CELL
+        level = min(self.frame.level(cell * self.scale), self.max_depth or 14)
         base = min(4, level)
         mesh = self.frame.mesh(wall, level, pad=0, base=base) if len(wall) else TMesh.uniform(self.frame.bounds, base)
         begin = enclosure(self.start.kind, self.frame, self.scale)

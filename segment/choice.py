@@ -15,8 +15,8 @@ BoolArray = NDArray[np.bool_]
 #: Pixels about a contour whose walls belong to it.
 BESIDE = 4
 #: Part of the edges' energy that may lie off the contour. Inside a box drawings leave up to 7 %, photographs 9 to 90 %.
-#: Without a box nothing tells the object from its surroundings but its edges, and marks on it are tolerated.
-LIMIT_BOXED, LIMIT_FREE = 0.08, 0.2
+#: Grey images without a box have little but edges to tell the object by, and marks on it are tolerated.
+LIMIT, LIMIT_GREY = 0.08, 0.2
 #: Least part of a box's sides that the objects in it must span.
 LEAST_SPAN = 0.7
 
@@ -39,9 +39,10 @@ def edges_suffice(edges: EdgeField, inside: BoolArray, box: BoolArray | None) ->
     if not inside.any():
         return False
     if box is None:
-        return unexplained(edges, inside, None) <= LIMIT_FREE
+        colour = edges.level.channels.shape[-1] > 1
+        return unexplained(edges, inside, None) <= (LIMIT if colour else LIMIT_GREY)
     for axis in (0, 1):
         found, whole = int(inside.any(axis=axis).sum()), int(box.any(axis=axis).sum())
         if found < LEAST_SPAN * whole:
             return False
-    return unexplained(edges, inside, box) <= LIMIT_BOXED
+    return unexplained(edges, inside, box) <= LIMIT

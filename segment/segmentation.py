@@ -27,6 +27,7 @@ from segment.regions import STATISTICS
 from segment.result import SegmentResult
 from segment.start import Start, chamber_start
 from segment.touching import Separation
+from segment.uneven import field_of_view
 from tspline import TMesh, TSpline
 from tspline.errors import require
 from tspline.evolve import Evolution, EvolutionStep, EvolveOptions, StepRecord
@@ -204,6 +205,9 @@ class _Run:
         if self.start.kind in ("circle", "box"):
             self._evolve(edges)
             return
+        if self.model == "auto" and not self.start.has_place and field_of_view(self.levels[-1]) is not None:
+            # The strongest edge is the frame's, and inside it light is uneven.
+            self.model, self.statistics = "regions", "local"
         inside = chamber_start(edges, self.start) if self.model != "regions" else None
         if inside is None or (self.model == "auto" and not self._by_edges(edges, inside)):
             found = RegionStart(self.levels, self.start, self.statistics).find()

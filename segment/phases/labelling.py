@@ -86,7 +86,7 @@ def labelled(edges: EdgeField, count: int, statistics: str, black: float, region
     """
     channels = edges.level.channels
     evidence = SharpEvidence(edges)
-    heard = evidence.flat if region is None else evidence.flat & region
+    heard = evidence.ground if region is None else evidence.ground & region
     if np.count_nonzero(heard) < 16 * count:
         heard = np.ones_like(heard) if region is None else region
     light = _light(edges, heard, count, statistics, black)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,9 @@ from skimage.measure import label
 from skimage.morphology import local_maxima, reconstruction
 from skimage.segmentation import watershed
 
-__all__ = ["LEAST", "NECK", "contacts", "half_widths", "parted"]
+from segment.touching.cuts import contacts
+
+__all__ = ["LEAST", "NECK", "half_widths", "parted"]
 
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int32]
@@ -67,8 +68,8 @@ def parted(
     .. [1] P. Soille, "Morphological Image Analysis", Springer 2003, sections 6.3.4 and 9.2.
     """
     every = generate_binary_structure(mask.ndim, mask.ndim)
-    if not mask.any():
-        return np.zeros(mask.shape, np.int32)
+    if not mask.any() or (mask.all() and markers is None):
+        return mask.astype(np.int32)
     width = half_widths(mask, beyond)
     height = np.log(width + DOUBT)
     if strength is not None:
@@ -80,11 +81,14 @@ def parted(
         markers = label(local_maxima(domes, footprint=every) & mask, connectivity=mask.ndim)
         markers = _wide(markers, width, label(mask, connectivity=mask.ndim))
         parts = watershed(-height, markers=markers, mask=mask, connectivity=every)
-        return _in_order(_rings_joined(parts, width))
-    parts = watershed(-height, markers=markers, mask=mask, connectivity=every)
-    # Pieces without a marker are objects all the same.
-    rest = label(mask & (parts == 0), connectivity=mask.ndim)
-    return _in_order(np.where(rest > 0, rest + parts.max(), parts))
+        parts = _rings_joined(parts, width)[parts]
+    else:
+        # Pieces without a marker are objects all the same.
+        reached = reconstruction(np.where(markers > 0, 1, 0), mask.astype(np.int64), footprint=every) > 0
+        rest = label(mask & ~reached, connectivity=mask.ndim)
+        markers = np.where(rest > 0, rest + int(markers.max()), markers)
+        parts = watershed(-height, markers=markers, mask=mask, connectivity=every)
+    return np.asarray(_order(parts)[parts])
 
 
 def half_widths(mask: BoolArray, beyond: FloatArray | None) -> FloatArray:
@@ -110,7 +114,7 @@ def _wide(markers: IntArray, width: FloatArray, pieces: IntArray) -> IntArray:
 
 
 def _rings_joined(parts: IntArray, width: FloatArray) -> IntArray:
-    """Parts that touch in two places with a hole between them are one object: a ring, narrower here and there."""
+    """New numbers (n + 1,) of parts: those that touch in two places with a hole between them are one object, a ring."""
     widest = np.zeros(int(parts.max()) + 1)
     np.maximum.at(widest, parts.ravel(), width.ravel())
     pairs, cuts = contacts(parts)
@@ -122,29 +126,13 @@ def _rings_joined(parts: IntArray, width: FloatArray) -> IntArray:
         count, _ = connected_components(tree.sparse_distance_matrix(tree, max(hole, 2.0)) > 0, directed=False)
         if count > 1:
             joined[joined == joined[other]] = joined[one]
-    return joined[parts].astype(np.int32)
+    return joined.astype(np.int32)
 
 
-def contacts(labels: IntArray) -> tuple[NDArray[np.int64], FloatArray]:
-    """Where objects meet: pairs of numbers (w, 2), the smaller first, one for two pixels, and their middle (w, d)."""
-    pairs, places = [], []
-    for offset in product((-1, 0, 1), repeat=labels.ndim):
-        if offset <= (0,) * labels.ndim:
-            continue
-        here = tuple(slice(max(0, -o), n - max(0, o)) for o, n in zip(offset, labels.shape, strict=True))
-        there = tuple(slice(max(0, o), n + min(0, o)) for o, n in zip(offset, labels.shape, strict=True))
-        one, other = labels[here], labels[there]
-        meet = np.nonzero((one != other) & (one > 0) & (other > 0))
-        pairs.append(np.sort(np.stack([one[meet], other[meet]], axis=1).astype(np.int64), axis=1))
-        start = np.array([s.start for s in here])
-        places.append(np.stack(meet, axis=1) + start + 0.5 * np.array(offset))
-    return np.vstack(pairs), np.vstack(places)
-
-
-def _in_order(parts: NDArray[np.integer]) -> IntArray:
-    """Numbers from 1 in the order of the first pixels."""
-    _, first, inverse = np.unique(parts.ravel(), return_index=True, return_inverse=True)
-    outside = parts.ravel()[first] == 0
-    rank = np.empty(len(first), np.int32)
-    rank[np.lexsort((first, ~outside))] = np.arange(len(first)) + (0 if outside.any() else 1)
-    return np.asarray(rank[inverse].reshape(parts.shape))
+def _order(parts: IntArray) -> IntArray:
+    """New numbers (n + 1,) of parts, from 1 in the order of their first pixels."""
+    found, first = np.unique(parts.ravel(), return_index=True)
+    first = first[found > 0]
+    rank = np.zeros(int(parts.max()) + 1, np.int32)
+    rank[found[found > 0][np.argsort(first)]] = np.arange(1, len(first) + 1)
+    return rank

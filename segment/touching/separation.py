@@ -42,9 +42,9 @@ class Separation:
         """Objects of {field < 0}, which is `mask` at the pixel centres; index coordinates."""
         if not mask.any():
             return ObjectFields([field], mask.astype(np.int32), np.zeros(1, np.int64))
-        if self.seeds is not None:
-            return ObjectFields.of(field, parted(mask, _beyond(field, mask), None, self._markers(mask)))
         beyond = _beyond(field, mask)
+        if self.seeds is not None:
+            return ObjectFields.of(field, parted(mask, beyond, None, self._markers(mask)))
         brightness = valleys(self.channels, mask, _typical(half_widths(mask, beyond), mask))
         return ObjectFields.of(field, parted(mask, beyond, brightness))
 

@@ -12,7 +12,7 @@ BoolArray = NDArray[np.bool_]
 FloatArray = NDArray[np.float64]
 
 #: Smoothing, pixels, as a part of the typical half width of the objects; texture is finer than objects.
-SMOOTH = 0.2
+SMOOTH = 0.1
 #: Breadth of the valleys, in those half widths.
 BREADTH = 1.0
 

@@ -138,11 +138,11 @@ def _segment(
         finish()
     for warning in result.warnings:
         reporter.warn(f"{item.label}: {warning}")
-    _write(targets, image, result)
+    _write(targets, image, result, options)
     rows, cols = image.shape[:2]
     drawn = None if recorder is None else result.spline
     write_drawings(targets, lambda _: _scene(image), recorder, drawn, title=f"{item.name}: {rows} × {cols} pixels")
-    return _outcome(item, image, result)
+    return _outcome(item, image, result, options)
 
 
 def _initial(options: argparse.Namespace, item: Input, image: npt.NDArray[np.generic]) -> Any:
@@ -160,7 +160,9 @@ def _initial(options: argparse.Namespace, item: Input, image: npt.NDArray[np.gen
         raise UsageError(f"--init {name}: {error.strerror}; accepted is a mask, auto, circle or box") from None
 
 
-def _write(targets: Mapping[str, Target], image: npt.NDArray[np.generic], result: Any) -> None:
+def _write(
+    targets: Mapping[str, Target], image: npt.NDArray[np.generic], result: Any, options: argparse.Namespace
+) -> None:
     """Write what was asked for, except drawings; results not asked for are not touched."""
     from segment.image_file import write_labels, write_mask
 
@@ -169,7 +171,7 @@ def _write(targets: Mapping[str, Target], image: npt.NDArray[np.generic], result
             write_mask(path, result.mask, ending=targets["mask"].ending)
     if "labels" in targets:
         with targets["labels"].open() as path:
-            numbers = result.labels if result.classes is None else result.classes
+            numbers = result.labels if options.phases is None else result.classes
             write_labels(path, numbers, ending=targets["labels"].ending)
     if "contour" in targets:
         from tspline.export.contour_file import ContourFrame, write_contours
@@ -186,7 +188,7 @@ def _scene(image: npt.NDArray[np.generic]) -> Any:
     return ImageScene(image)
 
 
-def _outcome(item: Input, image: npt.NDArray[np.generic], result: Any) -> Outcome:
+def _outcome(item: Input, image: npt.NDArray[np.generic], result: Any, options: argparse.Namespace) -> Outcome:
     values = {
         "num_coefficients": int(result.field.num_coefficients),
         "components": int(result.num_components),
@@ -194,7 +196,7 @@ def _outcome(item: Input, image: npt.NDArray[np.generic], result: Any) -> Outcom
         "shape": [int(extent) for extent in image.shape[:2]],
         "warnings": [str(warning) for warning in result.warnings],
     }
-    if result.classes is not None:
+    if options.phases is not None:
         areas = [int((result.classes == k).sum()) for k in range(len(result.phases))]
         values |= {"class_areas": areas, "background": int(result.background)}
     objects = "1 object" if result.num_components == 1 else f"{result.num_components} objects"

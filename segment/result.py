@@ -67,7 +67,7 @@ class SegmentResult:
     background : int or None
         With `phases`: the class that is background, that of most of the image's border (or of the border of the
         region of interest). `mask`, `labels`, `contours` and `field` tell of all other classes together; `mask` differs
-        from `classes != background` at most at single pixels where three classes meet, or on the image's border.
+        from `classes != background` at most at single pixels, mostly where three classes meet.
     phases : list of TSpline
         With `phases`: a level set a class, darkest first, f < 0 in it.
     phase_contours : list of list of ndarray, shape (m, 2)

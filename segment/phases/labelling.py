@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion, distance_transform_edt
-from skimage.measure import label
 
 from segment.edges import EdgeField
 from segment.phases.classes import POOLED, GaussianClasses
@@ -176,6 +175,8 @@ def _first_classes(
 
 def _without_specks(labels: IntArray) -> IntArray:
     """Labels with pieces below `LEAST_PIECE` pixels given to the nearest class."""
+    from skimage.measure import label
+
     pieces = label(labels, background=-1, connectivity=1)
     small = (np.bincount(pieces.ravel()) < LEAST_PIECE)[pieces]
     if not small.any() or small.all():

@@ -9,9 +9,6 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, generate_binary_structure
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
-from skimage.measure import label
-from skimage.morphology import local_maxima, reconstruction
-from skimage.segmentation import watershed
 
 from segment.touching.cuts import contacts
 
@@ -67,6 +64,11 @@ def parted(
     ----------
     .. [1] P. Soille, "Morphological Image Analysis", Springer 2003, sections 6.3.4 and 9.2.
     """
+    # Scikit-image takes a while to import, and most segmentations do without it.
+    from skimage.measure import label
+    from skimage.morphology import local_maxima, reconstruction
+    from skimage.segmentation import watershed
+
     every = generate_binary_structure(mask.ndim, mask.ndim)
     if not mask.any() or (mask.all() and markers is None):
         return mask.astype(np.int32)

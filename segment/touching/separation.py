@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, distance_transform_edt, generate_binary_structure
-from skimage.measure import label
 
 from segment.touching.object_fields import ObjectFields
 from segment.touching.parts import LEAST, half_widths, parted
@@ -50,6 +49,8 @@ class Separation:
 
     def _markers(self, mask: BoolArray) -> IntArray:
         """The seeds on the mask; those beside it are moved to its nearest pixel."""
+        from skimage.measure import label
+
         assert self.seeds is not None
         markers = np.zeros(mask.shape, np.int32)
         if self.seeds.shape == mask.shape:
@@ -76,6 +77,8 @@ def _beyond(field: TSpline | GridField, mask: BoolArray) -> FloatArray:
 
 def _typical(width: FloatArray, mask: BoolArray) -> float:
     """Median of the connected pieces' half widths, specks left out."""
+    from skimage.measure import label
+
     pieces = label(mask, connectivity=mask.ndim)
     widest = np.zeros(int(pieces.max()) + 1)
     np.maximum.at(widest, pieces.ravel(), width.ravel())

@@ -220,7 +220,7 @@ def test_labels_are_in_the_order_of_first_pixels() -> None:
 def test_valley_parts_what_shape_does_not() -> None:
     shape = union(disc(64, 48, 28), disc(64, 82, 28))
     inside, column = mask(shape), np.arange(N)
-    dark = 1 - 0.6 * np.exp(-0.5 * ((column - 65) / 1.5) ** 2)
+    dark = 1 - 0.8 * np.exp(-0.5 * ((column - 65) / 2.0) ** 2)
     lit = noisy(coverage(shape) * dark).astype(np.float32)[..., np.newaxis]
     even = noisy(coverage(shape)).astype(np.float32)[..., np.newaxis]
     assert parted(inside).max() == 1

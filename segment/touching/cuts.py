@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-__all__ = ["Chord", "chords", "contacts"]
+__all__ = ["Chord", "chords", "contacts", "neighbours"]
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]
@@ -23,17 +24,22 @@ REACH = 4.0
 def contacts(labels: IntArray) -> tuple[NDArray[np.int64], FloatArray]:
     """Where objects meet: pairs of numbers (w, 2), the smaller first, one for two pixels, and their middle (w, d)."""
     pairs, places = [], []
-    for offset in product((-1, 0, 1), repeat=labels.ndim):
-        if offset <= (0,) * labels.ndim:
-            continue
-        here = tuple(slice(max(0, -o), n - max(0, o)) for o, n in zip(offset, labels.shape, strict=True))
-        there = tuple(slice(max(0, o), n + min(0, o)) for o, n in zip(offset, labels.shape, strict=True))
+    for here, there in neighbours(labels.shape):
         one, other = labels[here], labels[there]
         meet = np.nonzero((one != other) & (one > 0) & (other > 0))
         pairs.append(np.sort(np.stack([one[meet], other[meet]], axis=1).astype(np.int64), axis=1))
-        start = np.array([s.start for s in here])
-        places.append(np.stack(meet, axis=1) + start + 0.5 * np.array(offset))
+        corners = np.array([[part.start for part in side] for side in (here, there)])
+        places.append(np.stack(meet, axis=1) + corners.mean(axis=0))
     return np.vstack(pairs), np.vstack(places)
+
+
+def neighbours(shape: tuple[int, ...]) -> Iterator[tuple[tuple[slice, ...], tuple[slice, ...]]]:
+    """Parts of an array whose entries are neighbours, corners included; each way once."""
+    for offset in product((-1, 0, 1), repeat=len(shape)):
+        if offset > (0,) * len(shape):
+            here = tuple(slice(max(0, -o), n - max(0, o)) for o, n in zip(offset, shape, strict=True))
+            there = tuple(slice(max(0, o), n + min(0, o)) for o, n in zip(offset, shape, strict=True))
+            yield here, there
 
 
 @dataclass(frozen=True)

@@ -41,11 +41,11 @@ class Separation:
         """Objects of {field < 0}, which is `mask` at the pixel centres; index coordinates."""
         if not mask.any():
             return ObjectFields([field], mask.astype(np.int32), np.zeros(1, np.int64))
-        beyond = _beyond(field, mask)
+        width = half_widths(mask, _beyond(field, mask))
         if self.seeds is not None:
-            return ObjectFields.of(field, parted(mask, beyond, None, self._markers(mask)))
-        brightness = valleys(self.channels, mask, _typical(half_widths(mask, beyond), mask))
-        return ObjectFields.of(field, parted(mask, beyond, brightness))
+            return ObjectFields.of(field, parted(mask, width, None, self._markers(mask)))
+        brightness = valleys(self.channels, mask, _typical(width, mask))
+        return ObjectFields.of(field, parted(mask, width, brightness))
 
     def _markers(self, mask: BoolArray) -> IntArray:
         """The seeds on the mask; those beside it are moved to its nearest pixel."""

@@ -12,7 +12,7 @@ BoolArray = NDArray[np.bool_]
 FloatArray = NDArray[np.float64]
 
 #: Smoothing, pixels, as a part of the typical half width of the objects; texture is finer than objects.
-SMOOTH = 0.1
+SMOOTH = 0.15
 #: Breadth of the valleys, in those half widths.
 BREADTH = 1.0
 
@@ -33,9 +33,8 @@ def valleys(channels: NDArray[np.float32], mask: BoolArray, half_width: float) -
     square = float(contrast @ contrast)
     if square == 0.0:
         return np.ones(mask.shape)
-    share = gaussian_filter(
-        np.einsum("...c,c->...", channels - outside, contrast) / square, max(1.0, SMOOTH * half_width), mode="nearest"
-    )
+    share = np.einsum("...c,c->...", channels - outside, contrast) / square
+    share = gaussian_filter(share, max(1.0, SMOOTH * half_width), mode="nearest", truncate=2.5)
     share = np.clip(share, 0.05, None)
     # A step between a bright object and a dark one is no valley: closing fills only what rises again beyond.
     size = 2 * int(np.ceil(BREADTH * half_width)) + 1

@@ -153,8 +153,13 @@ def test_segment_into_classes(folder: Path, capsys: pytest.CaptureFixture[str]) 
     grey = np.asarray(Image.open("disc.png")).copy()
     grey[55:75, 5:25] = 240
     Image.fromarray(grey).save("three.png")
-    assert main(["segment", "three.png", "--json", "--phases", "3", "--labels", "c.tif", "--mask", "m.png"]) == 0
+    words = ["--phases", "3", "--labels", "c.tif", "--mask", "m.png", "--contour", "c.geojson"]
+    assert main(["segment", "three.png", "--json", *words]) == 0
     record = said(capsys)
+    features = json.loads(Path("c.geojson").read_text(encoding="utf-8"))["features"]
+    rings = [(f["properties"]["label"], len(f["geometry"]["coordinates"])) for f in features]
+    # The background has two holes.
+    assert rings == [(0, 3), (1, 1), (2, 1)]
     classes = tifffile.imread("c.tif")
     np.testing.assert_array_equal(np.unique(classes), [0, 1, 2])
     assert record["class_areas"] == np.bincount(classes.ravel()).tolist()

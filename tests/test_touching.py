@@ -276,6 +276,6 @@ def test_errors() -> None:
 
 
 def test_nothing_found_is_no_object() -> None:
-    seg = segment_image(noisy(np.zeros((N, N))), separate=True)
+    seg = segment_image(noisy(np.zeros((N, N))), model="edges", separate=True)
     assert seg.num_components == 0
     assert seg.contours == []

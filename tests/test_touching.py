@@ -13,7 +13,8 @@ from segment import segment_image
 from segment.outlines import Outlines, is_hole
 from segment.result import SegmentResult
 from segment.touching import ObjectFields, parted
-from segment.touching.valleys import valleys
+from segment.touching.parts import half_widths
+from segment.touching.valleys import bays, valleys
 from tspline import TMesh, TSpline
 
 Floats = NDArray[np.float64]
@@ -229,6 +230,18 @@ def test_valley_parts_what_shape_does_not() -> None:
     # A step from a bright object to a dark one is no valley.
     step = noisy(coverage(shape) * np.where(column < 65, 1.0, 0.5)).astype(np.float32)[..., np.newaxis]
     assert parted(inside, strength=valleys(step, inside, 28.0)).max() == 1
+
+
+def test_filled_bays_are_seen() -> None:
+    shape = union(disc(64, 40, 24), disc(64, 40 + 1.9 * 24, 24))
+    inside = mask(union(shape, lambda i, j: np.maximum(np.abs(i - 64) - 18, np.abs(j - 62.8) - 22)))
+    assert parted(inside).max() == 1
+    channels = noisy(coverage(shape)).astype(np.float32)[..., np.newaxis]
+    found = bays(channels, inside, half_widths(inside), 24.0)
+    filled = inside & ~mask(shape)
+    assert np.count_nonzero(found & filled) > 0.8 * np.count_nonzero(filled)
+    assert np.count_nonzero(found & ~filled) < 20
+    assert parted(inside, half_widths(inside & ~found) * inside).max() == 2
 
 
 def test_fields_of_objects_that_meet_at_a_point() -> None:

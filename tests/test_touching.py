@@ -142,6 +142,14 @@ def test_seeds_decide_the_number(seeds: list[tuple[int, int]], count: int) -> No
     assert len({int(seg.labels[place]) for place in seeds}) == count
 
 
+def test_object_of_one_pixel_stays_one() -> None:
+    labels = np.zeros((16, 16), np.int32)
+    labels[4:12, 4:12] = 1
+    labels[4, 7] = 2
+    square = TSpline.fit(TMesh.uniform([[-8.0, -8.0], [24.0, 24.0]], 5), lambda x: np.abs(x - 7.5).max(axis=1) - 4.0)
+    np.testing.assert_array_equal(np.unique(ObjectFields.of(square, labels).labels), [0, 1, 2])
+
+
 def star(i: Floats, j: Floats) -> Floats:
     return np.asarray(np.hypot(i - 64, j - 64) - (32 + 14 * np.cos(5 * (np.arctan2(i - 64, j - 64) + 0.3))))
 

@@ -54,12 +54,7 @@ class ObjectFields:
 
         Pixels that a straight cut runs through go to the side of it where their centres are.
         """
-        straight = chords(labels, field.from_box(field.zero_set()))
-        labels = labels.copy()
-        for chord in straight:
-            own = np.isin(labels[chord.pixels], chord.pair)
-            side = np.where(chord.distances < 0, *chord.pair)
-            labels[tuple(axis[own] for axis in chord.pixels)] = side[own]
+        labels, straight = _straightened(labels, chords(labels, field.from_box(field.zero_set())))
         pairs, cuts = contacts(labels)
         owners = _coloured(int(labels.max()), np.unique(pairs, axis=0))
         if len(pairs) == 0:
@@ -74,6 +69,22 @@ class ObjectFields:
         at = mesh.sample_points()
         whole = field(at)
         return cls(fitted_near_zero(mesh, at, (np.maximum(whole, side(at)) for side in sides)), labels, owners)
+
+
+def _straightened(labels: IntArray, found: Sequence[Chord]) -> tuple[IntArray, list[Chord]]:
+    """Labels with the pixels beside chords on their sides, and the chords that leave something of both objects."""
+    labels, kept = labels.copy(), []
+    areas = np.bincount(labels.ravel())
+    for chord in found:
+        own = np.isin(labels[chord.pixels], chord.pair)
+        pixels = tuple(axis[own] for axis in chord.pixels)
+        side = np.where(chord.distances < 0, *chord.pair)[own]
+        count = len(areas)
+        after = areas - np.bincount(labels[pixels], minlength=count) + np.bincount(side, minlength=count)
+        if after[list(chord.pair)].min() > 0:
+            labels[pixels], areas = side, after
+            kept.append(chord)
+    return labels, kept
 
 
 def _both(field: GridField, side: Callable[[FloatArray], FloatArray]) -> Callable[[FloatArray], FloatArray]:

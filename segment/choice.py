@@ -22,20 +22,22 @@ LEAST_SPAN = 0.7
 
 
 def unexplained(edges: EdgeField, inside: BoolArray, within: BoolArray | None) -> float:
-    """Part of the walls' squared gradient that is not beside the border of `inside`; 1 where there is no border."""
+    """Part of the walls' squared gradient that is not beside the border of `inside`; 0 without walls."""
     walls = edges.wall if within is None else edges.wall & within
     energy = np.where(walls, edges.magnitude, 0.0).astype(np.float64) ** 2
     total = float(energy.sum())
     mask = inside.astype(np.uint8)
     border = cv2.morphologyEx(mask, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
-    if total <= 0 or not border.any():
-        return 1.0
+    if total <= 0:
+        return 0.0
     near = cv2.dilate(border, np.ones((2 * BESIDE - 1, 2 * BESIDE - 1), np.uint8)) > 0
     return float(energy[~near].sum()) / total
 
 
 def edges_suffice(edges: EdgeField, inside: BoolArray, box: BoolArray | None) -> bool:
-    """Whether the contour that the edges give is what the edges of the image are about."""
+    """Whether the contour that the edges give is what the edges of the image are about; there may be none of either."""
+    if not (edges.wall if box is None else edges.wall & box).any():
+        return True
     if not inside.any():
         return False
     if box is None:

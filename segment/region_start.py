@@ -44,10 +44,28 @@ LEAST_AREA = 6
 
 @dataclass(frozen=True)
 class Found:
-    """A start: the inside at a level, and what found it."""
+    """A start.
+
+    Attributes
+    ----------
+    inside : ndarray of bool
+        The objects, at `level`.
+    level : PyramidLevel
+        Where they were found.
+    evidence : ndarray of float32 or None
+        log p_in - log p_out there.
+    """
 
     inside: BoolArray
     level: PyramidLevel
+    evidence: NDArray[np.float32] | None = None
+
+    def told(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The evidence at points (k, 2) of the full image, that of the nearest pixel."""
+        assert self.evidence is not None
+        place = np.rint(self.level.from_full(points)).astype(np.int64)
+        row, column = np.clip(place, 0, np.array(self.evidence.shape) - 1).T
+        return self.evidence[row, column].astype(np.float64)
 
 
 class RegionStart:
@@ -75,7 +93,7 @@ class RegionStart:
             return Found(uneven_inside(fine, self.start), fine)
         case = _Case.of(coarse, self.start, self.statistics)
         weights = length_weights(coarse.channels, *case.length)
-        inside, least = np.zeros(coarse.shape, bool), np.inf
+        inside, least, evidence = np.zeros(coarse.shape, bool), np.inf, None
         for begin in case.begins:
             model = region_model(case.statistics, coarse.channels, coarse.noise)
             result = labelled(model, weights, begin, case.known, case.domain, kept=case.cleaned)
@@ -85,12 +103,12 @@ class RegionStart:
             if isinstance(model, DensityRegions):
                 energy += model.cost(result.inside)
             if energy < least:
-                inside, least = result.inside, energy
+                inside, least, evidence = result.inside, energy, result.evidence
         if inside.any() and fine is not coarse:
-            inside = self._refined(inside, coarse, fine, case)
-        return Found(inside, fine)
+            return self._refined(inside, coarse, fine, case)
+        return Found(inside, coarse, evidence)
 
-    def _refined(self, inside: BoolArray, coarse: PyramidLevel, fine: PyramidLevel, case: _Case) -> BoolArray:
+    def _refined(self, inside: BoolArray, coarse: PyramidLevel, fine: PyramidLevel, case: _Case) -> Found:
         """The same labelling on a finer level, in a band about the border of the coarse one."""
         factor = coarse.scale // fine.scale
         size = (coarse.shape[1] * factor, coarse.shape[0] * factor)
@@ -109,10 +127,11 @@ class RegionStart:
         model = region_model(case.statistics, fine.channels, fine.noise)
         domain = None if case.domain is None else enlarged(case.domain.astype(np.float32)) > 0.5
         _estimate(model, start, domain)
-        evidence = bounded(model.evidence(), known)
+        free = model.evidence()
+        evidence = bounded(free, known)
         weights = length_weights(fine.channels, *case.length)
         share, _, _ = _core.relaxed_regions(evidence, weights, [1.0, 1.0], tolerance=TOLERANCE)
-        return np.asarray(share > 0.5)
+        return Found(share > 0.5, fine, bounded(free, given))
 
 
 def _estimate(model: RegionModel, inside: BoolArray, domain: BoolArray | None) -> None:

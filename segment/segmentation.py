@@ -184,6 +184,8 @@ class _Run:
     ) -> None:
         self.levels: list[PyramidLevel] = pyramid(data)
         self.model, self.statistics = model, statistics
+        #: What regions say at points, if they were asked.
+        self.evidence: Callable[[FloatArray], FloatArray] | None = None
         #: Level on which the topology was found.
         self.base = self.levels[-1]
         self.start, self.max_depth, self.callback = start, max_depth, callback
@@ -212,6 +214,7 @@ class _Run:
         if inside is None or (self.model == "auto" and not self._by_edges(edges, inside)):
             found = RegionStart(self.levels, self.start, self.statistics).find()
             inside, self.base = self.start.heeded(found.inside, found.level), found.level
+            self.evidence = None if found.evidence is None else found.told
         if not inside.any():
             self.status = 2
         field = mask_field(inside, self.scale)
@@ -280,7 +283,7 @@ class _Run:
         """The place, from the coarsest level to the full image."""
         if self.status in (2, 3):
             return
-        fit = ContourFit(self.frame, self.spline, self._told, self.max_depth or 14)
+        fit = ContourFit(self.frame, self.spline, self._told, self.max_depth or 14, self.evidence)
         for k, level in enumerate(reversed(self.levels[: self.base.index + 1])):
             if self.status == 3:
                 break

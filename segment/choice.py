@@ -39,7 +39,7 @@ def edges_suffice(edges: EdgeField, inside: BoolArray, box: BoolArray | None) ->
     if not (edges.wall if box is None else edges.wall & box).any():
         return True
     if not inside.any():
-        return False
+        return box is None
     if box is None:
         colour = edges.level.channels.shape[-1] > 1
         return unexplained(edges, inside, None) <= (LIMIT if colour else LIMIT_GREY)

@@ -207,12 +207,13 @@ class _Run:
         if self.start.kind in ("circle", "box"):
             self._evolve(edges)
             return
-        if self.model == "auto" and not self.start.has_place and field_of_view(self.levels[-1]) is not None:
-            # The strongest edge is the frame's, and inside it light is uneven.
-            self.model, self.statistics = "regions", "local"
         inside = chamber_start(edges, self.start) if self.model != "regions" else None
         if inside is None or (self.model == "auto" and not self._by_edges(edges, inside)):
-            found = RegionStart(self.levels, self.start, self.statistics).find()
+            statistics = self.statistics
+            if statistics == "auto" and not self.start.has_place and field_of_view(self.levels[-1]) is not None:
+                # The strongest edge is the frame's, and inside it light is uneven.
+                statistics = "local"
+            found = RegionStart(self.levels, self.start, statistics).find()
             inside, self.base = self.start.heeded(found.inside, found.level), found.level
             self.evidence = None if found.evidence is None else found.told
         if not inside.any():

@@ -13,7 +13,7 @@ from segment.raster import depth
 from segment.regions import DensityRegions, RegionModel, region_model
 from segment.regions.contrast import length_weights
 from segment.regions.labelling import BOUND, TOLERANCE, bounded, labelled
-from segment.regions.mixture import Mixture
+from segment.regions.mixture import mixture_of
 from segment.regions.pixels import Pixels
 from segment.start import Start
 from segment.threshold import otsu
@@ -34,7 +34,7 @@ TEXTURED, PLAIN = (60.0, 3.0), (8.0, 1.0)
 #: Axes of the ellipses in a box, in which the colours of its object are first looked for: the better of two labellings,
 #: as statistics and labels in turn end in the nearest local optimum.
 ELLIPSES = (0.7, 0.9)
-#: Width by which a region that grows may not leak, part of the root of its start's area; in pixels at least and at most.
+#: Width by which a region that grows may not leak, part of the root of its start's area; least and most pixels.
 NECK, NECKS = 1 / 6, (3, 11)
 #: Radius of the disc about a seed, part of the shorter side.
 SEED_RADIUS = 1 / 32
@@ -65,7 +65,8 @@ class Found:
         assert self.evidence is not None
         place = np.rint(self.level.from_full(points)).astype(np.int64)
         row, column = np.clip(place, 0, np.array(self.evidence.shape) - 1).T
-        return self.evidence[row, column].astype(np.float64)
+        told: NDArray[np.float64] = self.evidence[row, column].astype(np.float64)
+        return told
 
 
 class RegionStart:
@@ -268,7 +269,7 @@ def _unlike(level: PyramidLevel, region: BoolArray, domain: BoolArray | None) ->
     values = pixels.of(around)
     if len(values) == 0:
         return region
-    likeness = Mixture.of(values, pixels.floor).log_density(pixels.values).reshape(level.shape)
+    likeness = mixture_of(values, pixels.floor).log_density(pixels.values).reshape(level.shape)
     bounded = np.maximum(likeness, float(np.quantile(likeness[around], 0.01)) - 2 * BOUND)
     return region & (bounded < otsu(bounded[region]))
 

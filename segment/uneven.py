@@ -77,7 +77,7 @@ def field_of_view(level: PyramidLevel) -> BoolArray | None:
     if len(stats) < 2:
         return None
     largest = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
-    view = parts == largest
+    view: BoolArray = parts == largest
     hull = cv2.convexHull(np.argwhere(view)[:, ::-1].astype(np.int32))
     if view.mean() < LEAST_VIEW or view.sum() < CONVEX * cv2.contourArea(hull):
         return None

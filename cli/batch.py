@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
 
 from cli.arguments import UsageError
 from cli.inputs import Input
 from cli.outputs import Target
 from cli.reporter import Reporter
 
-__all__ = ["DONE", "FAILED", "NOT_CONVERGED", "SCHEMA", "WRONG_INPUT", "Outcome", "run_batch"]
+__all__ = ["DONE", "FAILED", "NOT_CONVERGED", "SCHEMA", "WRONG_INPUT", "Job", "Outcome", "Runner", "Sink", "Task",
+           "run_batch", "serially"]  # fmt: skip
 
 DONE, FAILED, WRONG_INPUT, NOT_CONVERGED = 0, 1, 2, 3
 SCHEMA = 1
@@ -29,12 +31,53 @@ class Outcome:
     message: str = ""
     """What the solver said, or the error."""
     values: dict[str, Any] = field(default_factory=dict)
-    """What the JSON object holds besides the common keys."""
+    """What the JSON object holds besides the common keys; `warnings` are printed too."""
     summary: str = ""
     """The line for people."""
+    parts: dict[str, Any] = field(default_factory=dict)
+    """What the run's own files (`Sink`) take of this input."""
+    seconds: float = 0.0
+    """Time taken, by the wall."""
 
 
-Process = Callable[[Input, Mapping[str, Target]], Outcome]
+Process = Callable[[Input, Mapping[str, Target], Reporter], Outcome]
+"""Computes and writes one input's results; the reporter shows its steps."""
+Task = tuple[Input, Mapping[str, Target]]
+
+
+@dataclass(frozen=True)
+class Job:
+    """What is done with each input, in whatever process; it can be pickled if `process` can."""
+
+    process: Process
+    reporter: Reporter
+    verbose: bool = False
+    """Show where an unforeseen error came from."""
+
+    def __call__(self, item: Input, targets: Mapping[str, Target]) -> Outcome:
+        """Process one input; every error becomes an outcome with one line that names the file."""
+        start = time.perf_counter()
+        outcome = _guarded(self.process, item, targets, self.reporter, verbose=self.verbose)
+        outcome.seconds = time.perf_counter() - start
+        return outcome
+
+
+Runner = Callable[[Job, Sequence[Task]], Generator[Outcome, None, None]]
+"""Gives the outcomes in the tasks' order; closing the iterator ends all that it started."""
+
+
+class Sink(Protocol):
+    """A file of the whole run, such as a table."""
+
+    def add(self, item: Input, outcome: Outcome) -> None:
+        """Take what belongs to it of one input."""
+
+
+def serially(job: Job, tasks: Sequence[Task]) -> Generator[Outcome, None, None]:
+    """Run the tasks one after the other in this process."""
+    for number, (item, targets) in enumerate(tasks, start=1):
+        place = f"{number}/{len(tasks)} " if len(tasks) > 1 else ""
+        yield replace(job, reporter=replace(job.reporter, place=place))(item, targets)
 
 
 def run_batch(
@@ -45,6 +88,8 @@ def run_batch(
     *,
     keys: Sequence[str],
     verbose: bool = False,
+    runner: Runner = serially,
+    sinks: Sequence[Sink] = (),
 ) -> int:
     """Process each input, and return the exit status.
 
@@ -60,32 +105,50 @@ def run_batch(
         Keys of the JSON object that are null where an input failed.
     verbose : bool
         Show where an unforeseen error came from.
+    runner : callable
+        Where the work is done.
+    sinks : sequence of Sink
+        Files of the whole run.
     """
     outcomes: list[Outcome] = []
-    for item, targets in zip(inputs, plan, strict=True):
-        start = time.perf_counter()
-        outcome = _guarded(process, item, targets, verbose=verbose)
-        seconds = time.perf_counter() - start
-        if outcome.status in (FAILED, WRONG_INPUT):
-            reporter.error(outcome.message)
-        elif outcome.summary:
-            reporter.say(outcome.summary + (f" ({seconds:.1f} s)" if targets else ""))
-        for option, target in targets.items():
-            if outcome.status in (DONE, NOT_CONVERGED) and not target.is_stdout:
-                reporter.say(f"  {option:<9} {target.name}")
-        reporter.record(_record(reporter.command, item, targets, outcome, seconds, keys))
-        outcomes.append(outcome)
+    tasks = list(zip(inputs, plan, strict=True))
+    with closing(runner(Job(process, reporter, verbose), tasks)) as results:
+        for (item, targets), outcome in zip(tasks, results, strict=True):
+            with reporter.line():
+                _report(item, targets, outcome, reporter, keys)
+            for sink in sinks:
+                sink.add(item, outcome)
+            outcome.parts = {}  # of large batches little is kept
+            outcomes.append(outcome)
     _say_summary(outcomes, reporter)
     worst = {outcome.status for outcome in outcomes}
     return next((status for status in (FAILED, WRONG_INPUT, NOT_CONVERGED) if status in worst), DONE)
 
 
-def _guarded(process: Process, item: Input, targets: Mapping[str, Target], *, verbose: bool) -> Outcome:
-    """Process one input; every error becomes an outcome with one line that names the file."""
+def _report(
+    item: Input, targets: Mapping[str, Target], outcome: Outcome, reporter: Reporter, keys: Sequence[str]
+) -> None:
+    """Say and record what came of one input."""
+    for warning in outcome.values.get("warnings", ()):
+        reporter.warn(f"{item.label}: {warning}")
+    if outcome.status in (FAILED, WRONG_INPUT):
+        reporter.error(outcome.message)
+    elif outcome.summary:
+        timed = f" ({outcome.seconds:.1f} s)" if targets or outcome.parts else ""
+        reporter.say(outcome.summary + timed)
+    for option, target in targets.items():
+        if outcome.status in (DONE, NOT_CONVERGED) and not target.is_stdout:
+            reporter.say(f"  {option:<9} {target.name}")
+    reporter.record(_record(reporter.command, item, targets, outcome, keys))
+
+
+def _guarded(
+    process: Process, item: Input, targets: Mapping[str, Target], reporter: Reporter, *, verbose: bool
+) -> Outcome:
     from tspline.errors import FileFormatError, InvalidArgumentError, TSplineError
 
     try:
-        return process(item, targets)
+        return process(item, targets, reporter)
     except (FileFormatError, UsageError) as error:  # both begin with the file's name
         return Outcome(WRONG_INPUT, str(error))
     except InvalidArgumentError as error:
@@ -123,7 +186,6 @@ def _record(
     item: Input,
     targets: Mapping[str, Target],
     outcome: Outcome,
-    seconds: float,
     keys: Sequence[str],
 ) -> dict[str, Any]:
     written = outcome.status in (DONE, NOT_CONVERGED)
@@ -134,7 +196,7 @@ def _record(
         "status": outcome.status,
         "success": outcome.status == DONE,
         "message": outcome.message,
-        "seconds": round(seconds, 4),
+        "seconds": round(outcome.seconds, 4),
         **dict.fromkeys(keys),
         **outcome.values,
     }

@@ -24,9 +24,10 @@ KEYS = ("dim", "num_coefficients", "components", "iou", "mean_distance", "max_di
 
 _EPILOG = """\
 The ending tells images from points; .npy with two or three columns (six with normals) is points. Distances are in
-pixels for images, in the points' unit for points. Pairs in --json are [T-spline, grid]. Contours agree when they have
-as many parts and handles, are nowhere further apart than two of the smallest cells or grid spacings, and on average
-not more than half of one. That they disagree is no failure: the exit status tells whether both solvers converged.
+pixels for images, in their own unit for volumes with a spacing and for points. Pairs in --json are [T-spline, grid].
+Contours agree when they have as many parts and handles, are nowhere further apart than two of the smallest cells or
+grid spacings, and on average not more than half of one. That they disagree is no failure: the exit status tells
+whether both solvers converged.
 
   tspline check coins.png --figure coins_check.png
   tspline check bunny.ply --json
@@ -40,7 +41,7 @@ def build_parser() -> CommandParser:
         description="Run the T-spline and the sparse-field solver on one input, and tell where they disagree.",
         epilog=_EPILOG,
     )
-    parser.add_argument("inputs", nargs="*", metavar="IMAGE|POINTS", help="images or files of points")
+    parser.add_argument("inputs", nargs="*", metavar="IMAGE|POINTS", help="images, volumes or files of points")
     parser.add_argument("--figure", metavar="F.png", help="both results, and where they differ (.png .pdf .svg)")
     parser.add_argument("--depth", type=depth, metavar="N", help="finest resolution: 2^N cells along the domain")
     add_common_options(parser)
@@ -60,8 +61,8 @@ def run(options: argparse.Namespace) -> int:
     taken = any(target.is_stdout for targets in plan for target in targets.values())
     reporter = Reporter("check", quiet=options.quiet, json=options.json, stdout_taken=taken)
 
-    def process(item: Input, targets: Mapping[str, Target]) -> Outcome:
-        return _check(item, targets, options.depth, reporter)
+    def process(item: Input, targets: Mapping[str, Target], told: Reporter) -> Outcome:
+        return _check(item, targets, options.depth, told)
 
     return run_batch(inputs, plan, process, reporter, keys=KEYS, verbose=options.verbose)
 
@@ -95,8 +96,6 @@ def _check(item: Input, targets: Mapping[str, Target], finest: int | None, repor
     warnings = [*task.notes]
     for solver, result in results.items():
         warnings += [f"{SOLVERS[solver]}: {warning}" for warning in result.warnings]
-    for warning in warnings:
-        reporter.warn(f"{item.label}: {warning}")
     from tspline.agreement import cross_check
 
     fields = [result.field for result in results.values()]
@@ -115,40 +114,46 @@ def _is_image(item: Input) -> bool:
         An ending of neither kind.
     """
     from recon.point_file import POINT_ENDINGS, read_points
-    from segment.image_file import IMAGE_ENDINGS
+    from segment.picture import PICTURE_ENDINGS
     from tspline.errors import FileFormatError
 
     ending = Path(item.path).suffix.lower()
-    if ending in IMAGE_ENDINGS and ending in POINT_ENDINGS:
+    is_picture = item.path.lower().endswith(PICTURE_ENDINGS) or Path(item.path).is_dir()
+    if is_picture and ending in POINT_ENDINGS:
         try:
             read_points(item.path)
         except FileFormatError:
             return True
         return False
-    if ending not in IMAGE_ENDINGS and ending not in POINT_ENDINGS:
-        accepted = " ".join((*POINT_ENDINGS, *(e for e in IMAGE_ENDINGS if e not in POINT_ENDINGS)))
+    if not is_picture and ending not in POINT_ENDINGS:
+        accepted = " ".join((*POINT_ENDINGS, *(e for e in PICTURE_ENDINGS if e not in POINT_ENDINGS)))
         raise FileFormatError(item.path, f"the ending {ending!r}" if ending else "no ending", accepted)
-    return ending in IMAGE_ENDINGS
+    return is_picture
 
 
 def _image(item: Input, finest: int | None) -> _Task:
-    from segment.image_file import read_image
+    from segment.picture import read_picture
 
-    image = read_image(item.path)
+    picture = read_picture(item.path)
+    # distances of images are told in pixels, those of volumes, whose samples may be no cubes, in their own unit
+    measured = picture.is_volume and picture.geometry.is_physical
 
     def solve(**options: Any) -> Any:
         from segment import segment_image
 
-        return segment_image(image, channel_axis=2 if image.ndim == 3 else None, max_depth=finest, **options)
+        spacing: Any = picture.spacing if measured else None
+        return segment_image(
+            picture.pixels, channel_axis=picture.channel_axis, spacing=spacing, max_depth=finest, **options
+        )
 
     def scene(fields: list[Any]) -> Any:
         del fields
-        from tspline.figure.scene import ImageScene
+        from cli.picture_output import image_scene
 
-        return ImageScene(image)
+        return image_scene(picture)
 
-    rows, cols = image.shape[:2]
-    return _Task(solve, scene, "pixels", f"{rows} × {cols} pixels")
+    told = " × ".join(str(extent) for extent in picture.shape)
+    return _Task(solve, scene, picture.geometry.unit if measured else "pixels", f"{told} pixels", picture.notes)
 
 
 def _points(item: Input, finest: int | None) -> _Task:

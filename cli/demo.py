@@ -42,7 +42,8 @@ def run(options: argparse.Namespace) -> int:
     reporter.say("Segmenting scikit-image's picture of Greek coins:")
     flags = [flag for flag in ("force", "quiet", "verbose") if getattr(options, flag)]
     words = [f"--{flag}" for flag in flags]
-    outputs = _names(folder, "coins", mask="_mask.png", labels="_labels.tif", contour=".svg", **_COMMON, **_MOVING)
+    pictures = {**_COMMON, **_MOVING, "report": ".html"}
+    outputs = _names(folder, "coins", mask="_mask.png", labels="_labels.tif", contour=".svg", **pictures)
     first = segment.run(segment.build_parser().parse_intermixed_args([str(image), *outputs, *words]))
     reporter.say("Fitting 1,500 noisy points of a letter's outline:")
     outputs = _names(folder, "ampersand", contour=".svg", **_COMMON, **_MOVING)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from cli.arguments import UsageError
@@ -31,9 +31,9 @@ ANIMATION = OutputKind("animation", (".gif",))
 CONTOUR = OutputKind("contour", (".geojson", ".svg", ".dxf"))
 
 
-def need_recorder(targets: Mapping[str, Target]) -> Recorder | None:
-    """A recorder where a figure or an animation is asked for."""
-    if "figure" not in targets and "animation" not in targets:
+def need_recorder(options: Collection[str]) -> Recorder | None:
+    """A recorder where a figure, an animation or a report is asked for."""
+    if not {"figure", "animation", "report"}.intersection(options):
         return None
     from tspline.figure import Recorder
 
@@ -68,16 +68,23 @@ def write_drawings(
     *,
     title: str,
     detail: str = "",
+    certainty: tuple[Sequence[Any], Sequence[Any]] | None = None,
 ) -> None:
-    """Write the figure and the animation; `scene` makes the stage for the snapshots if one is asked for."""
+    """Write the figure and the animation.
+
+    `scene` makes the stage for the snapshots if one is asked for; `certainty` holds the contours of an image and their
+    uncertainties.
+    """
     if recorder is None:
         return
     snapshots = recorder.snapshots(spline)
     stage = scene(snapshots)
     if "figure" in targets:
         from tspline.figure.evolution import evolution_figure, save_figure
+        from tspline.figure.uncertainty import Certainty
 
-        figure = evolution_figure(stage, snapshots, title=title, detail=detail)
+        sure = None if certainty is None else Certainty(*certainty)
+        figure = evolution_figure(stage, snapshots, title=title, detail=detail, certainty=sure)
         with targets["figure"].open() as path:
             save_figure(figure, path, ending=targets["figure"].ending)
     if "animation" in targets:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from cli.arguments import CommandParser, UsageError, add_common_options, depth, positive
@@ -21,6 +22,7 @@ from cli.drawing import (
 )
 from cli.inputs import Input, expand, read_stdin
 from cli.outputs import Target, plan_outputs
+from cli.parallel import add_batch_options, runner_for
 from cli.reporter import Reporter
 from cli.surface import MESH, SurfaceResult
 
@@ -30,8 +32,9 @@ KINDS = (MESH, MODEL, FIGURE, ANIMATION, CONTOUR)
 KEYS = ("dim", "num_coefficients", "components", "genus", "nit", "rms_residual", "max_residual", "area", "volume")
 
 _EPILOG = """\
-POINTS is a .ply .xyz .txt .csv .npy .npz .pts or .obj file, with the extra tspline[scan] also .las .laz or .e57;
-a glob; or - for standard input. Points come in any order; normals are used where a file has them, and not needed.
+POINTS is a .ply .xyz .txt .csv .npy .npz .pts or .obj file, with the extra tspline[scan] also .las .laz or .e57; a
+folder of such files; a glob; or - for standard input. Points come in any order; normals are used where a file has
+them, and not needed.
 Points (x, y), or (x, y, z) with one coordinate the same for all, give a curve, all others a surface. {stem} in the
 name of an output is the input's name without folder and ending. With no output option NAME.tsp.npz and NAME.png
 are written in the current folder. An output named - goes to standard output.
@@ -39,6 +42,7 @@ are written in the current folder. An output named - goes to standard output.
   tspline fit outline.csv --model outline.tsp.npz --figure outline.png
   tspline fit bunny.ply --mesh bunny.stl --figure bunny.png
   tspline fit 'scans/*.las' --mesh 'out/{stem}.ply' --json
+  tspline fit scans --jobs 4 --mesh 'out/{stem}.ply'
 """
 
 _ONLY_IN = {"mesh": (3, "--contour"), "contour": (2, "--mesh"), "animation": (2, "--figure")}
@@ -63,6 +67,7 @@ def build_parser() -> CommandParser:
     solver.add_argument("--tolerance", type=positive, metavar="T", help="residual to reach, in the points' unit")
     solver.add_argument("--gap", type=positive, metavar="G", help="widest gap between neighbours, in that unit")
     solver.add_argument("--solver", choices=("tspline", "grid"), default="tspline", help="which field is evolved")
+    add_batch_options(parser)
     add_common_options(parser)
     return parser
 
@@ -72,7 +77,9 @@ def run(options: argparse.Namespace) -> int:
     if not options.inputs:
         raise UsageError("found no POINTS; accepted is at least one file of points, or - for standard input")
     refuse_animation(options)
-    inputs = expand(options.inputs)
+    from recon.point_file import POINT_ENDINGS
+
+    inputs = expand(options.inputs, POINT_ENDINGS, recursive=options.recursive)
     plan = plan_outputs(
         inputs,
         KINDS,
@@ -83,13 +90,12 @@ def run(options: argparse.Namespace) -> int:
     taken = any(target.is_stdout for targets in plan for target in targets.values())
     reporter = Reporter("fit", quiet=options.quiet, json=options.json, stdout_taken=taken)
 
-    def process(item: Input, targets: Mapping[str, Target]) -> Outcome:
-        return _fit(item, targets, options, reporter)
+    process = partial(_fit, options=options)
+    runner = runner_for(options, inputs)
+    return run_batch(inputs, plan, process, reporter, keys=KEYS, verbose=options.verbose, runner=runner)
 
-    return run_batch(inputs, plan, process, reporter, keys=KEYS, verbose=options.verbose)
 
-
-def _fit(item: Input, targets: Mapping[str, Target], options: argparse.Namespace, reporter: Reporter) -> Outcome:
+def _fit(item: Input, targets: Mapping[str, Target], reporter: Reporter, *, options: argparse.Namespace) -> Outcome:
     """Read, fit and write one file of points."""
     from cli.planar import in_plane
     from recon.point_file import parse_scan, read_scan
@@ -118,8 +124,6 @@ def _fit(item: Input, targets: Mapping[str, Target], options: argparse.Namespace
     finally:
         finish()
     warnings += [*(scan.notes if is_surface else ()), *(str(warning) for warning in result.warnings)]
-    for warning in warnings:
-        reporter.warn(f"{item.label}: {warning}")
     write_model(targets, result.field)
     title = f"{item.name}: {len(points):,} points"
     if is_surface:

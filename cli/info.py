@@ -1,4 +1,4 @@
-"""``tspline info``: what is in a model, image, mesh or point file."""
+"""``tspline info``: what is in a model, image, volume, mesh or point file."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ KEYS = ("kind", "num_coefficients", "components")
 def build_parser() -> CommandParser:
     """Make the parser of ``tspline info``."""
     parser = CommandParser(
-        prog="tspline info", description="Tell what is in models, images, meshes and files of points."
+        prog="tspline info", description="Tell what is in models, images, volumes, meshes and files of points."
     )
     parser.add_argument(
-        "inputs", nargs="*", metavar="FILE", help="a .tsp.npz model, an image, a mesh, or a file of points"
+        "inputs", nargs="*", metavar="FILE", help="a .tsp.npz model, an image, a volume, a mesh, or a file of points"
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object a line for each file")
     parser.add_argument("-v", "--verbose", action="store_true", help="show where an internal error came from")
@@ -42,38 +42,42 @@ def run(options: argparse.Namespace) -> int:
     return run_batch(inputs, [{} for _ in inputs], _describe, reporter, keys=KEYS, verbose=options.verbose)
 
 
-def _describe(item: Input, targets: Mapping[str, Target]) -> Outcome:
+def _describe(item: Input, targets: Mapping[str, Target], reporter: Reporter) -> Outcome:
     """Read one file, and tell its kind by its ending."""
-    del targets  # nothing is written
+    del targets, reporter  # nothing is written, and nothing takes long
     from cli.mesh_summary import MESH_ENDINGS, describe_mesh, has_faces
+    from cli.picture_summary import describe_picture
     from recon.point_file import POINT_ENDINGS
-    from segment.image_file import IMAGE_ENDINGS
+    from segment.picture import PICTURE_ENDINGS, is_dicom_file
     from tspline.errors import FileFormatError
 
     name, ending = item.path.lower(), Path(item.path).suffix.lower()
+    # slices of a series often have numbers for names
+    if Path(item.path).is_dir() or (not ending and is_dicom_file(Path(item.path))):
+        return describe_picture(item)
     if name.endswith(".tsp.npz") or (ending == ".npz" and _is_model(item.path)):
         return _model(item)
-    if ending == ".npy":
+    if ending in (".npy", ".npz"):
         return _array(item)
     if ending in MESH_ENDINGS or (ending in (".ply", ".obj") and has_faces(item.path)):
         return describe_mesh(item)
     if ending in POINT_ENDINGS:
         return _points(item)
-    if ending in IMAGE_ENDINGS:
-        return _image(item)
+    if name.endswith(PICTURE_ENDINGS):
+        return describe_picture(item)
     accepted = " ".join(
-        (".tsp.npz", *POINT_ENDINGS, *MESH_ENDINGS, *(e for e in IMAGE_ENDINGS if e not in POINT_ENDINGS))
+        (".tsp.npz", *POINT_ENDINGS, *MESH_ENDINGS, *(e for e in PICTURE_ENDINGS if e not in POINT_ENDINGS))
     )
     raise FileFormatError(item.path, f"the ending {ending!r}" if ending else "no ending", accepted)
 
 
 def _is_model(path: str) -> bool:
-    """Whether an .npz file is a model and not an archive with points."""
+    """Whether an .npz file is a model and not an archive with points, an image or a volume."""
     from tspline.array_file import npz_names
 
     with Path(path).open("rb") as stream:
         names = npz_names(stream, path)
-    return "points" not in names and len(names) > 1
+    return len(names) > 1 and not {"points", "image", "volume", "mask", "labels"}.intersection(names)
 
 
 def _model(item: Input) -> Outcome:
@@ -119,14 +123,15 @@ def _told(value: object) -> str:
 
 
 def _array(item: Input) -> Outcome:
-    """Tell whether a .npy file holds points or an image: points have two or three columns."""
+    """Tell whether a .npy or .npz file holds points or an image: points have two or three columns."""
+    from cli.picture_summary import describe_picture
     from recon.point_file import read_points
     from tspline.errors import FileFormatError
 
     try:
         read_points(item.path)
     except FileFormatError:
-        return _image(item)
+        return describe_picture(item)
     return _points(item)
 
 
@@ -147,25 +152,6 @@ def _points(item: Input) -> Outcome:
         f"{item.label}: {len(points):,} points in {points.shape[1]}D{' with normals' if normals else ''}, "
         f"{_corner(low)} to {_corner(high)}"
     )
-    return Outcome(DONE, "", values, text)
-
-
-def _image(item: Input) -> Outcome:
-    from segment.image_file import read_image
-
-    image = read_image(item.path)
-    channels = image.shape[2] if image.ndim == 3 else 1
-    low, high = image.min().item(), image.max().item()
-    values = {
-        "kind": "image",
-        "shape": list(image.shape[:2]),
-        "channels": channels,
-        "dtype": str(image.dtype),
-        "range": [low, high],
-    }
-    colour = "grey" if channels == 1 else "colour"
-    rows, cols = image.shape[:2]
-    text = f"{item.label}: {colour} image, {rows} × {cols} pixels, {image.dtype}, values {low} to {high}"
     return Outcome(DONE, "", values, text)
 
 

@@ -22,6 +22,8 @@ class Input:
 
     path: str
     """As given, or ``-``."""
+    given: str = ""
+    """As given, where `path` is another name for it."""
 
     @property
     def is_stdin(self) -> bool:
@@ -31,7 +33,17 @@ class Input:
     @property
     def stem(self) -> str:
         """The name without folder and ending, which names the outputs."""
-        return "stdin" if self.is_stdin else Path(self.path).stem
+        if self.is_stdin:
+            return "stdin"
+        name = os.path.basename(os.path.abspath(self.path))
+        if os.path.isdir(self.path):  # a series of slices; its name may have dots
+            return name
+        return name[: -len(".nii.gz")] if name.lower().endswith(".nii.gz") else Path(name).stem
+
+    @property
+    def folder(self) -> str:
+        """The name of the folder that it lies in, without those above."""
+        return "stdin" if self.is_stdin else Path(os.path.abspath(self.path)).parent.name
 
     @property
     def name(self) -> str:
@@ -41,19 +53,37 @@ class Input:
     @property
     def label(self) -> str:
         """How messages and reports call the input."""
-        return "<stdin>" if self.is_stdin else self.path
+        return "<stdin>" if self.is_stdin else self.given or self.path
 
 
-def expand(patterns: Sequence[str]) -> list[Input]:
-    """Resolve globs that the shell left alone; every other name is kept, whether the file exists or not.
+def expand(patterns: Sequence[str], endings: Sequence[str] = (), *, recursive: bool = False) -> list[Input]:
+    """Resolve folders, and globs that the shell left alone; other names are kept, whether the file exists or not.
+
+    Parameters
+    ----------
+    patterns : sequence of str
+        Names of files and folders, globs, and ``-``.
+    endings : sequence of str
+        Of the files taken from a folder, lower case; without any, folders are kept as they are. Hidden files are left
+        out.
+    recursive : bool
+        Take the files of all folders below, too.
+
+    Returns
+    -------
+    list of Input
+        In the order of the patterns, those of one folder or glob sorted by name.
 
     Raises
     ------
     UsageError
-        No input, a pattern that matches nothing, or standard input twice.
+        No input, a pattern that matches nothing, a folder without such files, or standard input twice.
     """
     found: list[Input] = []
     for pattern in patterns:
+        if endings and os.path.isdir(pattern) and not _is_series(pattern):
+            found.extend(Input(name) for name in _files_of(pattern, endings, recursive=recursive))
+            continue
         if pattern == "-" or os.path.exists(pattern) or not glob.has_magic(pattern):
             found.append(Input(pattern))
             continue
@@ -64,6 +94,29 @@ def expand(patterns: Sequence[str]) -> list[Input]:
     if sum(item.is_stdin for item in found) > 1:
         raise UsageError("-: standard input is given twice; accepted is once")
     return found
+
+
+def _files_of(folder: str, endings: Sequence[str], *, recursive: bool) -> list[str]:
+    """Files of a folder with one of the endings, sorted; of the folders below after its own, DICOM series as one."""
+    names = []
+    for place, below, files in os.walk(folder):
+        below[:] = sorted(name for name in below if not name.startswith(".")) if recursive else []
+        if place != folder and _is_series(place):
+            names.append(place)
+            continue
+        wanted = (name for name in files if not name.startswith(".") and name.lower().endswith(tuple(endings)))
+        names += [os.path.join(place, name) for name in sorted(wanted)]
+    if not names:
+        where = "there or in a folder below" if recursive else "directly in it (--recursive looks below)"
+        raise UsageError(f"{folder}: found no file {where}; accepted is {' '.join(endings)}")
+    return names
+
+
+def _is_series(folder: str) -> bool:
+    """Whether a folder holds the slices of a DICOM series, which are one input."""
+    from segment.picture import holds_dicom
+
+    return holds_dicom(Path(folder))
 
 
 def read_stdin() -> bytes:

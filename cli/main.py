@@ -18,10 +18,10 @@ from cli.reporter import Reporter
 __all__ = ["COMMANDS", "main"]
 
 COMMANDS = {
-    "segment": "contours, masks and labels from images",
+    "segment": "contours, masks and labels from images and volumes",
     "fit": "an implicit curve or surface from unordered points",
     "check": "T-spline against sparse field: both run, and where they disagree",
-    "info": "what is in a model, image, mesh or point file",
+    "info": "what is in a model, image, volume, mesh or point file",
     "demo": "segments an image and fits points; needs no input",
 }
 """Each subcommand with its line of help; `cli.<name>` has `build_parser` and `run`."""

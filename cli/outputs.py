@@ -16,7 +16,16 @@ from pathlib import Path
 from cli.arguments import UsageError
 from cli.inputs import Input
 
-__all__ = ["OutputKind", "Target", "plan_outputs"]
+__all__ = ["OutputKind", "Target", "plan_outputs", "plan_run_outputs"]
+
+
+_PACKAGES = {
+    ".dxf": ("ezdxf", "dxf"),
+    ".nii": ("nibabel", "medical"),
+    ".nii.gz": ("nibabel", "medical"),
+    ".nrrd": ("nrrd", "medical"),
+}
+"""Packages that formats need, with the extra that brings them."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +82,7 @@ def plan_outputs(
     *,
     force: bool,
     json: bool,
+    default: bool = True,
 ) -> list[dict[str, Target]]:
     """Name every output of every input, and refuse what could not be written.
 
@@ -82,9 +92,12 @@ def plan_outputs(
     kinds : sequence of OutputKind
         What the command can write.
     templates : mapping
-        The value of each kind's option; ``{stem}`` stands for the input's name without ending.
+        The value of each kind's option; ``{stem}`` stands for the input's name without ending, ``{folder}`` for the
+        name of the folder that it lies in.
     force, json : bool
         The options of these names.
+    default : bool
+        Whether files of the kinds with a default ending are written where none is asked for.
 
     Returns
     -------
@@ -99,7 +112,7 @@ def plan_outputs(
     """
     asked = {kind: template for kind in kinds if (template := templates.get(kind.option)) is not None}
     if not asked:
-        return _default_plan(inputs, kinds)
+        return _default_plan(inputs, kinds) if default else [{} for _ in inputs]
     plan = [{kind.option: _target(kind, template, item, force) for kind, template in asked.items()} for item in inputs]
     _check_stdout(plan, json=json)
     _check_distinct(plan, inputs)
@@ -110,13 +123,48 @@ def plan_outputs(
     return plan
 
 
+def plan_run_outputs(
+    inputs: Sequence[Input],
+    plan: Sequence[Mapping[str, Target]],
+    kinds: Sequence[OutputKind],
+    templates: Mapping[str, str | None],
+    *,
+    force: bool,
+    json: bool,
+) -> dict[str, Target]:
+    """Name the outputs of the whole run, such as tables, beside those of the inputs in `plan`.
+
+    Raises
+    ------
+    UsageError
+        As `plan_outputs`, and for ``{stem}``.
+    """
+    targets = {}
+    for kind in kinds:
+        template = templates.get(kind.option)
+        if template is None:
+            continue
+        if re.search(r"\{[^{}/]*\}", template):
+            raise UsageError(f"--{kind.option} {template}: is one file for all inputs; accepted is a plain name")
+        targets[kind.option] = _target(kind, template, Input("-"), force)
+    if not targets:
+        return {}
+    everything = [*plan, targets]
+    _check_stdout(everything, json=json)
+    _check_distinct(everything, inputs)
+    for target in targets.values():
+        if not target.is_stdout:
+            _check_writable(target)
+    return targets
+
+
 def _target(kind: OutputKind, template: str, item: Input, force: bool) -> Target:
     if template == "-":
         return Target("-", kind.endings[0], force)
-    wrong = [word for word in re.findall(r"\{[^{}/]*\}", template) if word != "{stem}"]
+    wrong = [word for word in re.findall(r"\{[^{}/]*\}", template) if word not in ("{stem}", "{folder}")]
     if wrong:
-        raise UsageError(f"--{kind.option} {template}: found {wrong[0]}; accepted is {{stem}}")
-    name = template.replace("{stem}", item.stem)
+        raise UsageError(f"--{kind.option} {template}: found {wrong[0]}; accepted is {{stem}} or {{folder}}")
+    name = template.replace("{stem}", item.stem).replace("{folder}", item.folder)
     if os.path.exists(name) and _is_device(name):
         return Target(name, kind.endings[0], force)
     ending = next((e for e in sorted(kind.endings, key=len, reverse=True) if name.lower().endswith(e)), None)
@@ -124,8 +172,10 @@ def _target(kind: OutputKind, template: str, item: Input, force: bool) -> Target
         found = Path(name).suffix
         what = f"the ending {found!r}" if found else "no ending"
         raise UsageError(f"--{kind.option} {name}: found {what}; accepted is {' '.join(kind.endings)}")
-    if ending == ".dxf" and importlib.util.find_spec("ezdxf") is None:
-        raise UsageError(f"--{kind.option} {name}: DXF needs the package ezdxf: pip install 'tspline[dxf]'")
+    package, extra = _PACKAGES.get(ending, ("", ""))
+    if package and importlib.util.find_spec(package) is None:
+        needed = f"{ending} needs the package {package}: pip install 'tspline[{extra}]'"
+        raise UsageError(f"--{kind.option} {name}: {needed}")
     return Target(name, ending, force)
 
 
@@ -155,7 +205,7 @@ def _check_stdout(plan: Sequence[Mapping[str, Target]], *, json: bool) -> None:
         raise UsageError(f"--{option} -: standard output is taken by --json; accepted is one of the two")
     if len(to_stdout) > 1:
         raise UsageError(f"--{option} -: {len(to_stdout)} results for standard output; accepted is one")
-    if sys.stdout.isatty() and to_stdout[0][1].ending not in (".svg", ".dxf", ".geojson"):
+    if sys.stdout.isatty() and to_stdout[0][1].ending not in (".svg", ".dxf", ".geojson", ".csv"):
         raise UsageError(f"--{option} -: standard output is a terminal; accepted is a pipe or a file")
 
 
@@ -170,7 +220,11 @@ def _check_distinct(plan: Sequence[Mapping[str, Target]], inputs: Sequence[Input
             if place in sources:
                 raise UsageError(f"--{option} {target.name}: is an input; accepted is another name")
             if place in seen:
-                accepted = "a name for each, such as 'out/{stem}.png'" if len(inputs) > 1 else "different names"
+                accepted = (
+                    "a name for each, such as 'out/{stem}.png' or 'out/{folder}-{stem}.png'"
+                    if len(inputs) > 1
+                    else "different names"
+                )
                 raise UsageError(
                     f"--{option} {target.name}: named twice (also by --{seen[place]}); accepted is {accepted}"
                 )

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, TextIO
 
@@ -22,6 +23,8 @@ class Reporter:
     json: bool = False
     stdout_taken: bool = False
     """A result goes to standard output: what would be said there goes to standard error."""
+    place: str = ""
+    """Which input of how many is worked on, before its name on a progress bar."""
 
     def say(self, text: str) -> None:
         """Print a line for people."""
@@ -47,6 +50,37 @@ class Reporter:
         word = f"\x1b[1;{color}m{kind}\x1b[0m" if _is_coloured(sys.stderr) else kind
         print(f"{name}: {word}: {text}", file=sys.stderr, flush=True)
 
+    @contextmanager
+    def line(self) -> Iterator[None]:
+        """Take a bar that `count` shows away while lines are printed."""
+        if not sys.stderr.isatty():
+            yield
+            return
+        from tqdm import tqdm
+
+        with tqdm.external_write_mode(file=sys.stderr):
+            yield
+
+    @contextmanager
+    def count(self, total: int) -> Iterator[Callable[[], None]]:
+        """A bar of inputs done out of `total`; gives what is called for each.
+
+        There is none unless standard error is a terminal.
+        """
+        if self.quiet or not sys.stderr.isatty():
+            yield lambda: None
+            return
+        from tqdm import tqdm
+
+        with tqdm(
+            total=total, unit=" inputs", leave=False, file=sys.stderr, dynamic_ncols=True, desc=self.command
+        ) as bar:
+
+            def done() -> None:
+                bar.update()
+
+            yield done
+
     def progress(self, label: str) -> tuple[Callable[[Any], None] | None, Callable[[], None]]:
         """A callback that shows a solver's steps, and a function that ends the display.
 
@@ -57,7 +91,7 @@ class Reporter:
         from tqdm import tqdm
 
         bar = tqdm(
-            desc=label, unit=" steps", leave=False, file=sys.stderr, dynamic_ncols=True,
+            desc=self.place + label, unit=" steps", leave=False, file=sys.stderr, dynamic_ncols=True,
             bar_format="{desc}: {n} steps, {elapsed}{postfix}",
         )  # fmt: skip
 

@@ -11,16 +11,22 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from segment.edge_targets import along_border
+from segment.outlines import Outlines
 from segment.raster import rasterised
 from segment.result import SegmentResult
+from segment.touching import ObjectFields, Separation
 from tspline import TSpline
 from tspline.evolve import StepRecord
+from tspline.field import LevelSet
 from tspline.grid import GridField, placed
 from tspline.sparse_field import MarchRecord
 
-__all__ = ["Found", "assembled"]
+__all__ = ["Found", "assembled", "scaled"]
 
 FloatArray = NDArray[np.float64]
+
+#: A contour that runs that deep inside of all objects is a cut between two of them, pixels.
+CUT = 0.5
 
 MESSAGES = {
     0: "converged",
@@ -52,30 +58,46 @@ class Found:
     uncertainty: tuple[FloatArray, FloatArray] | None
 
 
-def assembled(field: TSpline | GridField, shape: tuple[int, int], side: float, found: Found) -> SegmentResult:
-    """Mask, labels and contours of a level set in index coordinates, for an image with pixels of length `side`."""
-    contours = [] if found.status == 2 else field.to_polylines()
-    status = found.status if contours or found.status != 0 else 2
-    mask = rasterised(field, contours, shape)
-    count, labels = cv2.connectedComponents(mask.astype(np.uint8), connectivity=8, ltype=cv2.CV_32S)
+def assembled(
+    field: TSpline | GridField, shape: tuple[int, int], side: float, found: Found, separation: Separation | None = None
+) -> SegmentResult:
+    """Mask, labels and contours of a level set in index coordinates, for an image with pixels of length `side`.
+
+    With a `separation` objects that touch are told apart.
+    """
+    lines = [] if found.status == 2 else field.to_polylines()
+    status = found.status if lines or found.status != 0 else 2
+    mask = rasterised(field, lines, shape)
+    if separation is None:
+        count, labels = cv2.connectedComponents(mask.astype(np.uint8), connectivity=8, ltype=cv2.CV_32S)
+        objects = ObjectFields([field], labels, np.zeros(count, np.int64))
+    else:
+        objects = separation(field, mask)
+    outlines = Outlines.traced(objects.fields if lines else [], objects.labels, objects.owners)
+    contours = outlines.lines
+    made = {"made_by": "segment_image", "shape": list(shape), "spacing": side}
+    whole = scaled(field, side, made)
     return SegmentResult(
         mask=mask,
-        labels=labels,
+        labels=objects.labels,
         contours=contours,
         contour_flags=[along_border(line, shape) for line in contours],
-        contour_uncertainty=[_uncertain(line, found.uncertainty) for line in contours],
-        field=_scaled(field, side, {"made_by": "segment_image", "shape": list(shape), "spacing": side}),
+        contour_uncertainty=[_uncertain(line, field, found.uncertainty) for line in contours],
+        contour_labels=outlines.labels,
+        contour_holes=outlines.holes,
+        object_fields=[whole if one is field else scaled(one, side, made) for one in objects.fields],
+        field=whole,
         success=status == 0,
         status=status,
         message=MESSAGES[status],
         nit=len(found.history),
         history=found.history,
-        num_components=int(count) - 1,
+        num_components=int(objects.labels.max()),
         warnings=found.warnings,
     )
 
 
-def _scaled(field: TSpline | GridField, side: float, metadata: dict[str, Any]) -> TSpline | GridField:
+def scaled(field: TSpline | GridField, side: float, metadata: dict[str, Any]) -> TSpline | GridField:
     """The field in the caller's units."""
     if isinstance(field, GridField):
         result = placed(field, side)
@@ -85,8 +107,10 @@ def _scaled(field: TSpline | GridField, side: float, metadata: dict[str, Any]) -
     return TSpline(spline.mesh, spline.coefficients, metadata)
 
 
-def _uncertain(line: FloatArray, known: tuple[FloatArray, FloatArray] | None) -> FloatArray:
+def _uncertain(line: FloatArray, whole: LevelSet, known: tuple[FloatArray, FloatArray] | None) -> FloatArray:
     if known is None:
         return np.full(len(line), np.inf)
     places, values = known
-    return np.asarray(values[cKDTree(places).query(line)[1]])
+    # No edge was looked for where a cut keeps objects apart, inside of all of them together.
+    cut = whole(line) < -CUT
+    return np.where(cut, np.inf, values[cKDTree(places).query(line)[1]])

@@ -17,13 +17,11 @@ from tspline.errors import FileFormatError
 if TYPE_CHECKING:
     from PIL import Image
 
-__all__ = ["IMAGE_ENDINGS", "LABEL_ENDINGS", "MASK_ENDINGS", "parse_image", "read_image", "read_mask",
-           "write_labels", "write_mask"]  # fmt: skip
+__all__ = ["LABEL_ENDINGS", "MASK_ENDINGS", "checked_image", "parse_image", "write_labels", "write_mask"]
 
 AnyArray = npt.NDArray[np.generic]
 BoolArray = npt.NDArray[np.bool_]
 
-IMAGE_ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm", ".pbm", ".pnm", ".npy")
 MASK_ENDINGS = (".png", ".tif", ".tiff", ".bmp", ".npy")
 LABEL_ENDINGS = (".tif", ".tiff", ".png", ".npy")
 
@@ -35,13 +33,16 @@ _FORMATS = ("PNG", "JPEG", "BMP", "DIB", "PPM", "TIFF")
 _ACCEPTED = "a complete PNG, JPEG, TIFF, BMP or PGM image, or a .npy array"
 
 
-def read_image(path: str | os.PathLike[str]) -> AnyArray:
-    """Read one 2D image; its content says the format.
+def parse_image(data: bytes, path: str) -> AnyArray:
+    """Read one 2D image from a file's bytes; its content says the format.
 
     Parameters
     ----------
-    path : path
-        PNG, JPEG, TIFF, BMP, PGM/PPM or .npy. Pixels are taken as stored: an EXIF rotation is not applied.
+    data : bytes
+        The whole file: PNG, JPEG, TIFF, BMP, PGM/PPM or .npy. Pixels are taken as stored: an EXIF rotation is not
+        applied.
+    path : str
+        Its name for errors.
 
     Returns
     -------
@@ -53,55 +54,13 @@ def read_image(path: str | os.PathLike[str]) -> AnyArray:
     ------
     FileFormatError
         Damaged or truncated, of another kind, a stack of several images, empty, or too large.
-    OSError
-        The file cannot be opened.
-    """
-    with Path(path).open("rb") as stream:
-        data = stream.read()
-    return parse_image(data, str(path))
-
-
-def parse_image(data: bytes, path: str) -> AnyArray:
-    """Read an image from a file's bytes, as `read_image` does.
-
-    Parameters
-    ----------
-    data : bytes
-        The whole file.
-    path : str
-        Its name for errors.
     """
     if not data:
         raise FileFormatError(path, "the file is empty", _ACCEPTED)
     if data.startswith(b"\x93NUMPY"):
         array = read_npy(io.BytesIO(data), path, size=len(data))
-        return _checked(array, path)
-    return _checked(_decode(data, path), path)
-
-
-def read_mask(path: str | os.PathLike[str], shape: tuple[int, ...]) -> BoolArray:
-    """Read a mask made by any program: what is not zero is inside.
-
-    Parameters
-    ----------
-    path : path
-        As `read_image`; of a colour image a pixel is inside if any channel is not zero.
-    shape : (rows, cols)
-        The image's shape, which the mask must have.
-
-    Raises
-    ------
-    FileFormatError
-        As `read_image`, or of another shape.
-    """
-    image = read_image(path)
-    mask: BoolArray = image.astype(np.bool_)
-    if mask.ndim == 3:
-        mask = np.asarray(mask.any(axis=2))
-    if mask.shape != tuple(shape[:2]):
-        wrong = f"a mask of {mask.shape[0]} x {mask.shape[1]} pixels"
-        raise FileFormatError(path, wrong, f"the image's size, {shape[0]} x {shape[1]} (rows x columns)")
-    return mask
+        return checked_image(array, path)
+    return checked_image(_decode(data, path), path)
 
 
 def write_mask(path: str | os.PathLike[str], mask: BoolArray, *, ending: str | None = None) -> None:
@@ -266,8 +225,8 @@ def _over_white(colour: AnyArray, alpha: AnyArray, full: float) -> AnyArray:
     return rounded
 
 
-def _checked(image: AnyArray, path: str) -> AnyArray:
-    """Bring every way of storing one image to (rows, cols) or (rows, cols, 3)."""
+def checked_image(image: AnyArray, path: str) -> AnyArray:
+    """Bring every way of storing one image to (rows, cols) or (rows, cols, 3), and refuse what is none."""
     if image.ndim == 3 and image.shape[2] == 1:
         image = image[:, :, 0]
     if image.ndim == 3 and image.shape[2] == 4:

@@ -27,9 +27,16 @@ class SegmentResult:
     mask : ndarray of bool, shape (rows, cols)
         f < 0 at the pixel centres.
     labels : ndarray of int32, shape (rows, cols)
-        Connected objects from 1, 0 outside (pixels that touch at corners hang together).
+        Connected objects from 1, 0 outside (pixels that touch at corners hang together). With `separate` objects that
+        touch have numbers of their own.
     contours : list of ndarray, shape (m, 2)
-        Closed lines (row, col) on the zero set, sub-pixel, without a repeated end. Integers are pixel centres.
+        Closed lines (row, col) on the zero set, sub-pixel, without a repeated end, in the order of the objects'
+        numbers, each object's outer line before its holes. Integers are pixel centres. Objects that were kept apart
+        share their common boundary, along which both have a line.
+    contour_labels : list of int
+        Number of the object that each contour bounds; 0 for one that holds no pixel's centre.
+    contour_holes : list of bool
+        Whether the contour runs around a hole of its object.
     contour_flags : list of ndarray of bool, shape (m,)
         True where a contour runs along the image's border because the object is cut by it.
     contour_uncertainty : list of ndarray, shape (m,)
@@ -48,9 +55,22 @@ class SegmentResult:
     history : list of StepRecord
         One record a step (`MarchRecord` of the grid solver); lengths in pixels.
     num_components : int
-        Connected objects.
+        Objects, the largest number in `labels`.
     warnings : list of str
         What a user should know.
+    object_fields : list of TSpline or GridField
+        The level sets that the contours are zero sets of: `field` alone, or with `separate` a few (two to four), in
+        each of which no two objects touch.
+    classes : ndarray of int32, shape (rows, cols), or None
+        With `phases`: class of each pixel, 0 (the darkest) to phases - 1, that of the least field; a pixel is of the
+        background's class exactly where `mask` is False. None otherwise.
+    background : int or None
+        With `phases`: the class that is background, that of most of the image's border (or of the border of the
+        region of interest). `mask`, `labels`, `contours` and `field` tell of all other classes together.
+    phases : list of TSpline
+        With `phases`: a level set a class, darkest first, f < 0 in it.
+    phase_contours : list of list of ndarray, shape (m, 2)
+        With `phases`: contours of each class, like `contours`. Along a common boundary those of both classes coincide.
     """
 
     mask: NDArray[np.bool_]
@@ -66,6 +86,13 @@ class SegmentResult:
     history: list[StepRecord] | list[MarchRecord]
     num_components: int
     warnings: list[str] = dataclass_field(default_factory=list)
+    contour_labels: list[int] = dataclass_field(default_factory=list)
+    contour_holes: list[bool] = dataclass_field(default_factory=list)
+    object_fields: list[LevelSet] = dataclass_field(default_factory=list)
+    classes: NDArray[np.int32] | None = None
+    background: int | None = None
+    phases: list[LevelSet] = dataclass_field(default_factory=list)
+    phase_contours: list[list[NDArray[np.float64]]] = dataclass_field(default_factory=list)
 
     @cached_property
     def spline(self) -> TSpline:

@@ -1,4 +1,4 @@
-"""`segment_image`: contours of objects by the edges around them."""
+"""`segment_image`: contours of objects by the edges around them, or by how they look."""
 
 from __future__ import annotations
 
@@ -12,16 +12,21 @@ from numpy.typing import ArrayLike, NDArray
 
 from segment.assembly import Found, assembled
 from segment.carving import carved
+from segment.choice import edges_suffice
 from segment.contour_fit import ContourFit
 from segment.edges import EdgeField, detect_edges
 from segment.frame import ImageFrame
 from segment.grid_segmentation import GridSegmentation
 from segment.image_data import ImageData
+from segment.phases import segmented_into_phases
 from segment.problem import HASTE, enclosure, image_problem
 from segment.pyramid import PyramidLevel, pyramid
 from segment.raster import mask_field
+from segment.region_start import RegionStart
+from segment.regions import STATISTICS
 from segment.result import SegmentResult
 from segment.start import Start, chamber_start
+from segment.touching import Separation
 from tspline import TMesh, TSpline
 from tspline.errors import require
 from tspline.evolve import Evolution, EvolutionStep, EvolveOptions, StepRecord
@@ -50,6 +55,10 @@ def segment_image(
     solver: str = "tspline",
     callback: Callable[[Any], object] | None = None,
     rng: Any = None,
+    *,
+    statistics: str = "auto",
+    phases: int | None = None,
+    separate: bool = False,
 ) -> SegmentResult:
     """Find objects by their edges, as the zero set of one T-spline, or of a field on a grid.
 
@@ -81,6 +90,15 @@ def segment_image(
         set; returning True ends the run.
     rng : None
         Nothing here is random; accepted for the common signature.
+    statistics : str
+        With `phases`: "auto", "means", "gaussian" or "local" (uneven light).
+    phases : int, optional
+        Number of classes, 2 to 8: the image is parted into that many by brightness or colour, each class with a level
+        set of its own; see `SegmentResult.classes`. The class of most of the border is background, all others are
+        foreground.
+    separate : bool
+        Keep touching objects apart: they are cut at necks narrower than 0.65 times the narrower of the parts that a
+        neck joins, and along valleys of brightness. With seeds each seed is one object.
 
     Returns
     -------
@@ -98,12 +116,11 @@ def segment_image(
     the edges (4.1), final refinement on detected edge points (4.4), with the corrections of docs/MATH. Topology is
     found on a level of about 256 pixels, where noise is averaged away; finer levels give the place.
     """
-    require(
-        model in ("auto", "edges"),
-        "model",
-        repr(model),
-        "'auto' or 'edges' (regions are not part of this release)",
-    )
+    require(model in ("auto", "edges", "regions"), "model", repr(model), "'auto', 'edges' or 'regions'")
+    known = ("auto", *STATISTICS)
+    require(statistics in known, "statistics", repr(statistics), " or ".join(map(repr, known)))
+    if statistics != "auto" and model == "edges":
+        require(False, "statistics", repr(statistics), "'auto' with model='edges', which uses none")
     require(callback is None or callable(callback), "callback", repr(callback), "a callable or None")
     require(solver in ("tspline", "grid"), "solver", repr(solver), "'tspline' or 'grid'")
     side = _checked_spacing(spacing)
@@ -112,16 +129,32 @@ def segment_image(
         require(ok, "max_depth", repr(max_depth), "an integer from 2 to 14, or None")
     data = ImageData.from_array(image, channel_axis)
     start = Start.checked(data.shape, init, seeds, roi)
+    require(isinstance(separate, bool | np.bool_), "separate", repr(separate), "True or False")
+    separation = Separation(data.channels, start.seeds) if separate else None
+    if phases is not None:
+        require(solver == "tspline", "solver", repr(solver), "'tspline' with phases")
+        require(model != "edges", "model", repr(model), "'auto' or 'regions' with phases")
+        return segmented_into_phases(
+            data,
+            start,
+            phases,
+            statistics,
+            side=side,
+            max_depth=max_depth,
+            callback=callback,
+            separation=separation,
+        )
     if solver == "grid":
         on_grid = GridSegmentation(data, start, callback)
         on_grid.begin()
         on_grid.polish()
         found = Found(on_grid.status, on_grid.run.history, on_grid.warnings, on_grid.uncertainty)
-        return assembled(on_grid.field, data.shape, side, found)
-    run = _Run(data, start, max_depth, callback)
+        return assembled(on_grid.field, data.shape, side, found, separation)
+    run = _Run(data, start, max_depth, callback, model if statistics == "auto" else "regions", statistics)
     run.begin()
     run.polish()
-    return assembled(run.spline, data.shape, side, Found(run.status, run.history, run.warnings, run.uncertainty))
+    found = Found(run.status, run.history, run.warnings, run.uncertainty)
+    return assembled(run.spline, data.shape, side, found, separation)
 
 
 def _checked_spacing(spacing: float | None) -> float:
@@ -145,8 +178,13 @@ class _Run:
         start: Start,
         max_depth: int | None,
         callback: Callable[[EvolutionStep], object] | None,
+        model: str = "auto",
+        statistics: str = "auto",
     ) -> None:
         self.levels: list[PyramidLevel] = pyramid(data)
+        self.model, self.statistics = model, statistics
+        #: Level on which the topology was found.
+        self.base = self.levels[-1]
         self.start, self.max_depth, self.callback = start, max_depth, callback
         self.frame = ImageFrame.around(data.shape, self.levels[-1].scale, circle=start.kind == "circle")
         self.history: list[StepRecord] = []
@@ -157,8 +195,8 @@ class _Run:
 
     @property
     def scale(self) -> int:
-        """Side of a pixel of the coarsest level."""
-        return self.levels[-1].scale
+        """Side of a pixel of the level on which the topology was found."""
+        return self.base.scale
 
     def begin(self) -> None:
         """The topology, on the coarsest level."""
@@ -166,19 +204,26 @@ class _Run:
         if self.start.kind in ("circle", "box"):
             self._evolve(edges)
             return
-        inside = chamber_start(edges, self.start)
+        inside = chamber_start(edges, self.start) if self.model != "regions" else None
+        if inside is None or (self.model == "auto" and not self._by_edges(edges, inside)):
+            found = RegionStart(self.levels, self.start, self.statistics).find()
+            inside, self.base = self.start.heeded(found.inside, found.level), found.level
         if not inside.any():
             self.status = 2
         field = mask_field(inside, self.scale)
         self.spline = self._represented(field, inside)
         self._tell()
 
+    def _by_edges(self, edges: EdgeField, inside: NDArray[np.bool_]) -> bool:
+        box = self.start.shrunk_region(self.levels[-1].shape) if self.start.boxed else None
+        return edges_suffice(edges, inside, box)
+
     def _represented(self, field: Callable[[FloatArray], FloatArray], inside: NDArray[np.bool_]) -> TSpline:
         """The field on a mesh whose cells are fine along the mask's outline."""
         outline = inside & ~cv2.erode(np.pad(inside, 1).astype(np.uint8), np.ones((3, 3), np.uint8))[1:-1, 1:-1].astype(
             bool
         )
-        at = self.levels[-1].to_full(np.argwhere(outline).astype(np.float64))
+        at = self.base.to_full(np.argwhere(outline).astype(np.float64))
         if len(at) == 0:
             return TSpline.fit(TMesh.uniform(self.frame.bounds, 3), field)
         coarse = self.frame.level(COARSE_CELL * self.scale)
@@ -232,7 +277,7 @@ class _Run:
         if self.status in (2, 3):
             return
         fit = ContourFit(self.frame, self.spline, self._told, self.max_depth or 14)
-        for k, level in enumerate(reversed(self.levels)):
+        for k, level in enumerate(reversed(self.levels[: self.base.index + 1])):
             if self.status == 3:
                 break
             # Two searches where nothing finer follows; before that one brings the contour within reach of the next.

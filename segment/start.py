@@ -41,26 +41,32 @@ class Start:
         Places (row, col) inside objects.
     roi : ndarray of bool or None
         Region of interest: outside it nothing is object.
+    strokes : ndarray of int8 or None
+        1 on strokes over objects, -1 on strokes over the background, 0 elsewhere.
+    boxed : bool
+        Whether the region was given as a box, which always encloses its objects.
     """
 
     kind: str
     region: BoolArray | None
     seeds: NDArray[np.float64] | None
     roi: BoolArray | None
+    strokes: NDArray[np.int8] | None = None
+    boxed: bool = False
 
     @classmethod
     def checked(cls, shape: tuple[int, int], init: Any, seeds: ArrayLike | None, roi: ArrayLike | None) -> Start:
         """From the caller's arguments; `init` is None, a word, a box (r0, c0, r1, c1) or a mask."""
-        places = None if seeds is None else _places(shape, seeds)
+        places, strokes = (None, None) if seeds is None else _seeds(shape, seeds)
         interest = None if roi is None else _mask(shape, roi, "roi")
         if init is None or isinstance(init, str):
             word = "auto" if init is None else init
             accepted = "'auto', 'circle', 'box', a box (r0, c0, r1, c1) or a mask"
             require(word in ("auto", "circle", "box"), "init", repr(init), accepted)
-            return cls(word, None, places, interest)
+            return cls(word, None, places, interest, strokes)
         values = np.asarray(init)
         if values.shape == (4,):
-            return cls("region", _box(shape, values), places, interest)
+            return cls("region", _box(shape, values), places, interest, strokes, boxed=True)
         region = _mask(shape, init, "init")
         require(
             not region.all() or places is not None,
@@ -68,23 +74,60 @@ class Start:
             "a mask of the whole image",
             "a mask with an outside",
         )
-        return cls("region", region, places, interest)
+        return cls("region", region, places, interest, strokes)
 
     def outside(self, shape: tuple[int, int]) -> BoolArray | None:
         """What is known to be outside, at a level of the given shape; None when nothing is."""
-        if self.region is None and self.roi is None:
+        if self.region is None and self.roi is None and self.strokes is None:
             return None
         known = np.zeros(shape, dtype=bool)
+        if self.strokes is not None:
+            known |= self.shrunk_strokes(shape) < 0
         for part in (self.region, self.roi):
             if part is not None:
                 known |= ~_shrunk(part, shape)
         return known
+
+    def known(self, shape: tuple[int, int]) -> NDArray[np.int8] | None:
+        """At a level: 1 where strokes say object, -1 outside a box and the region of interest; None when nothing is."""
+        known = np.zeros(shape, np.int8)
+        if self.boxed and self.region is not None:
+            known[~_shrunk(self.region, shape)] = -1
+        if self.strokes is not None:
+            strokes = self.shrunk_strokes(shape)
+            known[strokes != 0] = strokes[strokes != 0]
+        if self.roi is not None:
+            known[~_shrunk(self.roi, shape)] = -1
+        return known if known.any() else None
+
+    def domain(self, shape: tuple[int, int]) -> BoolArray | None:
+        """The region of interest at a level."""
+        return None if self.roi is None else _shrunk(self.roi, shape)
+
+    def shrunk_region(self, shape: tuple[int, int]) -> BoolArray | None:
+        """The start region at a level."""
+        return None if self.region is None else _shrunk(self.region, shape)
+
+    def shrunk_strokes(self, shape: tuple[int, int]) -> NDArray[np.int8]:
+        """Strokes at a level: a pixel with any of them has it; the background's win."""
+        assert self.strokes is not None
+        result = np.zeros(shape, np.int8)
+        factor = np.array(shape) / np.array(self.strokes.shape)
+        for sign in (1, -1):
+            at = np.argwhere(self.strokes == sign)
+            rows, columns = np.minimum((at * factor).astype(np.int64), np.array(shape) - 1).T
+            result[rows, columns] = sign
+        return result
 
     def heeded(self, inside: BoolArray, level: PyramidLevel) -> BoolArray:
         """The part of an inside at `level` that lies in the region of interest and hangs together with a seed."""
         shape = level.shape
         if self.roi is not None:
             inside = inside & _shrunk(self.roi, shape)
+        if self.strokes is not None:
+            strokes = self.shrunk_strokes(shape)
+            inside = inside & (strokes >= 0)
+            return _touching(inside, strokes > 0) if (strokes > 0).any() else inside
         if self.seeds is None:
             return inside
         seeded = np.zeros(shape, dtype=bool)
@@ -166,11 +209,23 @@ def _box(shape: tuple[int, int], values: NDArray[Any]) -> BoolArray:
     return box
 
 
+def _seeds(shape: tuple[int, int], seeds: ArrayLike) -> tuple[NDArray[np.float64] | None, NDArray[np.int8] | None]:
+    """Places, or strokes: an integer image of the image's own shape."""
+    values = np.asarray(seeds) if not isinstance(seeds, str) else None
+    if values is None or values.shape != shape or values.dtype.kind not in "iub":
+        return _places(shape, seeds), None
+    strokes = np.sign(values.astype(np.int64)).astype(np.int8)
+    require(bool((strokes != 0).any()), "seeds", "strokes that are all 0", "strokes with a pixel above or below 0")
+    return None, strokes
+
+
 def _places(shape: tuple[int, int], seeds: ArrayLike) -> NDArray[np.float64]:
     try:
         places = np.atleast_2d(np.asarray(seeds, dtype=np.float64))
     except (TypeError, ValueError):
-        raise InvalidArgumentError("seeds", repr(seeds)[:60], "(k, 2) numbers (row, col)") from None
+        raise InvalidArgumentError(
+            "seeds", repr(seeds)[:60], "(k, 2) numbers (row, col), or an integer image of strokes"
+        ) from None
     require(
         places.ndim == 2 and places.shape[1] == 2 and len(places) > 0,
         "seeds",

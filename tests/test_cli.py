@@ -268,6 +268,7 @@ def test_demo_writes_to_a_folder(folder: Path, capsys: pytest.CaptureFixture[str
         "coins_mask.png",
         "coins.tsp.npz",
         "coins_figure.png",
+        "coins.html",
         "ampersand.gif",
         "ampersand.svg",
     } <= written

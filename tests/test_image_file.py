@@ -15,7 +15,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from segment.image_file import parse_image, read_image, read_mask, write_labels, write_mask
+from segment.image_file import parse_image, write_labels, write_mask
+from segment.picture import read_picture, read_picture_mask
 from tspline.errors import FileFormatError
 
 RNG = np.random.default_rng(7)
@@ -202,11 +203,13 @@ def test_mask_round_trip(tmp_path: Path, ending: str) -> None:
     mask = GREY > 99
     path = tmp_path / f"m{ending}"
     write_mask(path, mask)
-    stored = read_image(path)
+    stored = parse_image(path.read_bytes(), str(path))
     assert set(np.unique(stored).tolist()) == ({False, True} if ending == ".npy" else {0, 255})
-    np.testing.assert_array_equal(read_mask(path, mask.shape), mask)
+    picture = read_picture(path)
+    np.testing.assert_array_equal(read_picture_mask(path, picture), mask)
+    np.save(tmp_path / "other.npy", np.zeros((10, 13)))
     with pytest.raises(FileFormatError, match="9 x 13"):
-        read_mask(path, (10, 13))
+        read_picture_mask(path, read_picture(tmp_path / "other.npy"))
 
 
 @pytest.mark.parametrize(("highest", "kind"), [(3, np.uint16), (65535, np.uint16), (65536, np.int32)])

@@ -39,7 +39,19 @@ STRANGERS = {("sparse_field", "evolve")}
 UPWARD = {("spline", "model_file"), ("field", "geometry"), ("field", "contour"), ("model_file", "grid")}
 # Heavy or optional: imported inside the function that needs them, so that `import tspline` starts at once.
 # The figures' own modules draw with matplotlib throughout, and are themselves imported on use.
-ON_USE = {"matplotlib", "mpl_toolkits", "ezdxf", "vtk", "laspy", "pye57", "trimesh"}
+ON_USE = {
+    "matplotlib",
+    "mpl_toolkits",
+    "ezdxf",
+    "vtk",
+    "laspy",
+    "pye57",
+    "trimesh",
+    "nibabel",
+    "nrrd",
+    "pydicom",
+    "distributed",
+}
 DRAWING = ("tspline", "figure")
 
 

@@ -79,6 +79,7 @@ def test_contents(wheel: Path) -> None:
         assert f"{package}/__init__.py" in names
         assert f"{package}/py.typed" in names
     assert "tspline/_core.pyi" in names
+    assert {f"tspline/figure/page/page.{ending}" for ending in ("css", "html", "js")} <= set(names)
     assert len([name for name in names if name.startswith("tspline/_core") and not name.endswith(".pyi")]) == 1
     strangers = {name.split("/")[0] for name in names if not name.startswith("tspline-")} - set(PACKAGES)
     # A repaired wheel may bring shared libraries of its own.

@@ -13,6 +13,7 @@ __all__ = [
     "System",
     "TMesh",
     "locate_cells",
+    "mixture_log_density",
     "num_threads",
     "planes",
     "relaxed_classes",
@@ -183,6 +184,12 @@ class Hierarchy:
 
 def num_threads() -> int: ...
 def planes(cloud: _Floats, queries: _Floats, patches: _Ints) -> tuple[_Floats, _Floats, _Floats]: ...
+def mixture_log_density(
+    values: NDArray[np.float32],
+    whitening: NDArray[np.float32],
+    centres: NDArray[np.float32],
+    constants: NDArray[np.float32],
+) -> NDArray[np.float32]: ...
 def relaxed_classes(
     evidence: NDArray[np.float32],
     edges: NDArray[np.float32],

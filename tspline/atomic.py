@@ -46,9 +46,10 @@ def complete_or_absent(path: str | os.PathLike[str], *, force: bool = False) -> 
     device = mode is not None and not (stat.S_ISREG(mode) or stat.S_ISDIR(mode))
     _check(mode, str(path), may_exist=force or device)
     folder = Path(tempfile.gettempdir()) if device else final.parent
-    temporary: Path | None = None
+    # Known before the file is there: Ctrl-C may come at any instant, and nothing may stay behind.
+    temporary = _unguessable(folder, final.name)
     try:
-        temporary = _create(folder, final.name, mode if not device else None)
+        _create(temporary, mode if not device else None)
         yield temporary
         _flush(temporary)
         if device:
@@ -58,14 +59,13 @@ def complete_or_absent(path: str | os.PathLike[str], *, force: bool = False) -> 
             _rename(temporary, final, force=force)
             _flush_folder(folder)
     except OSError as error:
-        if temporary is None or error.filename in (None, str(temporary)):
+        if error.filename in (None, str(temporary)):
             # OSError itself picks the subclass that belongs to the number
             raise OSError(error.errno or errno.EIO, error.strerror or str(error), str(path)) from error
         raise
     finally:
-        if temporary is not None:
-            with suppress(OSError):
-                temporary.unlink()
+        with suppress(OSError):
+            temporary.unlink()
 
 
 def _mode_of(path: Path) -> int | None:
@@ -84,11 +84,15 @@ def _check(mode: int | None, name: str, *, may_exist: bool) -> None:
         raise FileExistsError(errno.EEXIST, "exists", name)
 
 
-def _create(folder: Path, name: str, mode: int | None) -> Path:
-    """Create an empty file of an unguessable name in `folder`; `mode` is that of the file to be replaced."""
+def _unguessable(folder: Path, name: str) -> Path:
+    """A new name in `folder` with the endings of `name`."""
     head, dot, endings = name.lstrip(".").partition(".")
     # Names are cut so that the temporary one stays below the usual limit of 255 bytes.
-    temporary = folder / f".{head[:40]}-{secrets.token_hex(6)}{dot}{endings[-100:]}"
+    return folder / f".{head[:40]}-{secrets.token_hex(6)}{dot}{endings[-100:]}"
+
+
+def _create(temporary: Path, mode: int | None) -> None:
+    """Create an empty file; `mode` is that of the file to be replaced."""
     handle = os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
     try:
         if mode is not None and hasattr(os, "fchmod"):
@@ -96,7 +100,6 @@ def _create(folder: Path, name: str, mode: int | None) -> Path:
                 os.fchmod(handle, stat.S_IMODE(mode))
     finally:
         os.close(handle)
-    return temporary
 
 
 def _flush(path: Path) -> None:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -34,13 +34,42 @@ class ContourFrame:
     """Width and height of the drawing, in the caller's units; pixels for images."""
     is_image: bool
     """Whether contours come as (row, col)."""
+    spacing: tuple[float, float] | None = None
+    """Distance of rows and of columns of an image, for DXF and GeoJSON; None where it is not known."""
+    unit: str = ""
+    """Of the spacing, such as "mm"; empty where it is not known."""
+    place: Mapping[str, Any] = field(default_factory=dict)
+    """What is told in GeoJSON of where the plane of an image lies."""
 
     @classmethod
-    def of_image(cls, shape: Sequence[int]) -> ContourFrame:
-        """Frame of an image of `shape` (rows, cols)."""
+    def of_image(
+        cls,
+        shape: Sequence[int],
+        *,
+        spacing: Sequence[float] | None = None,
+        unit: str = "",
+        place: Mapping[str, Any] | None = None,
+    ) -> ContourFrame:
+        """Frame of an image of `shape` (rows, cols).
+
+        Parameters
+        ----------
+        shape : two int
+        spacing : two float, optional
+            Distance of rows and of columns: DXF and GeoJSON are in its unit, SVG stays in pixels.
+        unit : str
+            Of the spacing, told in both.
+        place : mapping, optional
+            Further properties of each object in GeoJSON, such as where the plane lies.
+        """
         rows, cols = int(shape[0]), int(shape[1])
         require(rows > 0 and cols > 0, "shape", tuple(shape), "rows and columns of at least 1")
-        return cls((-0.5, -0.5), (float(cols), float(rows)), True)
+        sides = None
+        if spacing is not None:
+            known = len(spacing) == 2 and all(np.isfinite(side) and side > 0 for side in spacing)
+            require(known, "spacing", tuple(spacing), "two positive lengths, of rows and of columns")
+            sides = (float(spacing[0]), float(spacing[1]))
+        return cls((-0.5, -0.5), (float(cols), float(rows)), True, sides, unit, dict(place or {}))
 
     @classmethod
     def of_box(cls, bounds: npt.ArrayLike) -> ContourFrame:
@@ -59,14 +88,17 @@ class ContourFrame:
         return np.column_stack([contour[:, 0] - self.lower[0], top - contour[:, 1]])
 
     def for_dxf(self, contour: FloatArray) -> FloatArray:
-        """(m, 2): x right, y up; the origin of images is the centre of the lower left pixel."""
+        """(m, 2): x right, y up, in the spacing's unit; the origin of images is the lower left pixel's centre."""
         if self.is_image:
-            return np.column_stack([contour[:, 1], (self.size[1] - 1.0) - contour[:, 0]])
+            down, right = self.spacing or (1.0, 1.0)
+            return np.column_stack([right * contour[:, 1], down * ((self.size[1] - 1.0) - contour[:, 0])])
         return contour
 
     def for_geojson(self, contour: FloatArray) -> FloatArray:
-        """(m, 2): x, y; for images x = col, y = row, integers are pixel centres."""
-        return contour[:, ::-1] if self.is_image else contour
+        """(m, 2): x, y; for images x = col, y = row, times the spacing, from the centre of the first pixel."""
+        if not self.is_image:
+            return contour
+        return contour[:, ::-1] if self.spacing is None else contour[:, ::-1] * np.array(self.spacing[::-1])
 
 
 def write_contours(
@@ -113,12 +145,15 @@ def write_contours(
     elif kind == ".dxf":
         from tspline.export.dxf import write_dxf
 
-        write_dxf(path, [frame.for_dxf(c) for c in curves])
+        write_dxf(path, [frame.for_dxf(c) for c in curves], unit=frame.unit)
     else:
         raise InvalidArgumentError("path", f"the ending {kind!r}", ", ".join(CONTOUR_ENDINGS))
 
 
 def _meaning(frame: ContourFrame) -> dict[str, Any]:
+    if frame.spacing is not None:
+        told = {"coordinates": "x along columns, y along rows, from the centre of the first pixel"}
+        return told | {"unit": frame.unit or None, "spacing": list(frame.spacing), **frame.place}
     if frame.is_image:
         return {"coordinates": "x = column, y = row; integers are pixel centres"}
     return {"coordinates": "x, y of the points"}

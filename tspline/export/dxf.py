@@ -15,6 +15,9 @@ __all__ = ["MissingExtraError", "require_ezdxf", "write_dxf"]
 
 LAYER = "TSPLINE"
 
+_UNITS = {"inch": 1, "mm": 4, "cm": 5, "m": 6, "nm": 12, "um": 13}
+"""Numbers of the header's INSUNITS; 0 is none."""
+
 
 class MissingExtraError(TSplineError, ImportError):
     """A file format that needs a package which is not installed."""
@@ -26,7 +29,7 @@ def require_ezdxf() -> None:
         raise MissingExtraError("DXF needs the package ezdxf: pip install 'tspline[dxf]'")
 
 
-def write_dxf(path: str | os.PathLike[str], curves: Sequence[npt.NDArray[np.float64]]) -> None:
+def write_dxf(path: str | os.PathLike[str], curves: Sequence[npt.NDArray[np.float64]], *, unit: str = "") -> None:
     """Write closed LWPOLYLINE entities, one a curve, on the layer ``TSPLINE`` (DXF R2010).
 
     Parameters
@@ -35,6 +38,8 @@ def write_dxf(path: str | os.PathLike[str], curves: Sequence[npt.NDArray[np.floa
         Written in place.
     curves : sequence of (m, 2) arrays
         x right, y up, without a repeated end point.
+    unit : str
+        Of the coordinates: "m", "cm", "mm", "um", "nm" or "inch" is told in the header, others are not.
 
     Raises
     ------
@@ -44,7 +49,7 @@ def write_dxf(path: str | os.PathLike[str], curves: Sequence[npt.NDArray[np.floa
     require_ezdxf()
     import ezdxf
 
-    document = ezdxf.new("R2010")
+    document = ezdxf.new("R2010", units=_UNITS.get(unit, 0))
     document.layers.add(LAYER)
     space = document.modelspace()
     for curve in curves:

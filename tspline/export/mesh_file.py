@@ -15,7 +15,7 @@ from tspline.errors import InvalidArgumentError, require
 if TYPE_CHECKING:
     import trimesh
 
-__all__ = ["MESH_ENDINGS", "save_mesh"]
+__all__ = ["MESH_ENDINGS", "is_unit", "save_mesh"]
 
 MESH_ENDINGS = (".ply", ".stl", ".obj", ".glb", ".3mf")
 
@@ -35,6 +35,7 @@ def save_mesh(
     path: str | os.PathLike[str],
     *,
     units: str | None = None,
+    world: str | None = None,
     force: bool = False,
     ending: str | None = None,
 ) -> None:
@@ -51,6 +52,9 @@ def save_mesh(
         Told in PLY and OBJ (a comment) and 3MF (an attribute; millimeter where nothing is said, as the format has it).
         GLB is in metres by definition: coordinates are scaled to them; without `units` they are taken for metres. STL
         has no place for a unit.
+    world : str, optional
+        What the coordinates of a body are, such as "RAS" or "LPS": told in PLY, OBJ and STL as ``SPACE=RAS``, by which
+        3D Slicer knows them.
     force : bool
         Replace an existing file.
     ending : str, optional
@@ -72,9 +76,14 @@ def save_mesh(
     require(kind in MESH_ENDINGS, "path", f"the ending {kind!r}", ", ".join(MESH_ENDINGS))
     require(len(mesh.faces) > 0, "mesh", "no faces", "a mesh with at least one face")
     unit = None if units is None else _unit(units)
-    data = _encode(mesh, kind, unit)
+    data = _encode(mesh, kind, unit, world)
     with complete_or_absent(path, force=force) as temporary:
         temporary.write_bytes(data)
+
+
+def is_unit(name: str) -> bool:
+    """Whether `save_mesh` knows a unit of this name."""
+    return any(name.lower() in (unit, *short) for unit, (short, _) in UNITS.items())
 
 
 def _unit(name: str) -> str:
@@ -85,11 +94,12 @@ def _unit(name: str) -> str:
     raise InvalidArgumentError("units", repr(name), ", ".join(UNITS))
 
 
-def _encode(mesh: trimesh.Trimesh, kind: str, unit: str | None) -> bytes:
+def _encode(mesh: trimesh.Trimesh, kind: str, unit: str | None, world: str | None) -> bytes:
+    comments = [*([] if unit is None else [f"units: {unit}"]), *([] if world is None else [f"SPACE={world}"])]
     if kind == ".ply":
         from tspline.export.ply import ply_bytes
 
-        return ply_bytes(mesh.vertices, mesh.vertex_normals, mesh.faces, unit)
+        return ply_bytes(mesh.vertices, mesh.vertex_normals, mesh.faces, comments)
     if kind == ".3mf":
         from tspline.export.threemf import threemf_bytes
 
@@ -97,13 +107,13 @@ def _encode(mesh: trimesh.Trimesh, kind: str, unit: str | None) -> bytes:
     if kind == ".obj":
         # Nine digits of the extent.
         digits = max(0, 8 - math.floor(math.log10(float(np.abs(mesh.bounds).max()) or 1.0)))
-        header = "tspline" if unit is None else f"tspline\n# units: {unit}"
+        header = "\n# ".join(["tspline", *comments])
         text: str = mesh.export(file_type="obj", digits=digits, header=header, include_normals=True)
         return text.encode()
     if kind == ".glb":
         return _glb_bytes(mesh, 1.0 if unit is None else UNITS[unit][1])
     data: bytes = mesh.export(file_type="stl")
-    return data
+    return data if world is None else f"tspline SPACE={world}".encode().ljust(80) + data[80:]
 
 
 def _glb_bytes(mesh: trimesh.Trimesh, scale: float) -> bytes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,9 @@ import numpy.typing as npt
 __all__ = ["ply_bytes"]
 
 
-def ply_bytes(vertices: npt.ArrayLike, normals: npt.ArrayLike, faces: npt.ArrayLike, unit: str | None = None) -> bytes:
+def ply_bytes(
+    vertices: npt.ArrayLike, normals: npt.ArrayLike, faces: npt.ArrayLike, comments: Sequence[str] = ()
+) -> bytes:
     """Vertices (n, 3), unit normals (n, 3) and faces (m, 3) as little-endian PLY; coordinates keep all their digits."""
     points, directions = np.asarray(vertices), np.asarray(normals)
     corners = np.asarray(faces)
@@ -22,7 +25,7 @@ def ply_bytes(vertices: npt.ArrayLike, normals: npt.ArrayLike, faces: npt.ArrayL
         "ply",
         "format binary_little_endian 1.0",
         "comment tspline",
-        *([] if unit is None else [f"comment units: {unit}"]),
+        *(f"comment {line}" for line in comments),
         f"element vertex {len(points)}",
         *(f"property double {axis}" for axis in "xyz"),
         *(f"property float n{axis}" for axis in "xyz"),

@@ -14,7 +14,7 @@ from matplotlib.patheffects import Normal, Stroke
 from tspline.figure import theme
 from tspline.figure.recorder import DrawnField
 
-__all__ = ["ImageScene", "PointScene", "Scene", "closed_segments", "mesh_segments"]
+__all__ = ["ImageScene", "PointScene", "Scene", "closed_segments", "mesh_segments", "stretched"]
 
 FloatArray = npt.NDArray[np.float64]
 AnyArray = npt.NDArray[np.generic]
@@ -122,7 +122,7 @@ class ImageScene:
         rows, cols = self.shape
         self.view = np.array([[-0.5, -0.5], [cols - 0.5, rows - 0.5]])
         self._stride = max(1, -(-max(rows, cols) // _MAX_IMAGE_SIDE))
-        self._shown = _stretched(image[:: self._stride, :: self._stride])
+        self._shown = stretched(image[:: self._stride, :: self._stride])
 
     def draw_data(self, axes: Axes, *, faint: bool = False, near: bool = False) -> None:
         """Draw the image with each pixel around its centre, and set the view."""
@@ -193,7 +193,7 @@ def _set_view(axes: Axes, view: FloatArray, *, downward: bool) -> None:
     axes.set_ylim(*(vertical[::-1] if downward else vertical))
 
 
-def _stretched(image: AnyArray) -> FloatArray:
+def stretched(image: AnyArray) -> FloatArray:
     """Brightness between 0 and 1; the darkest and brightest 0.2 % of the pixels are cut off."""
     values = image.astype(np.float64)
     low, high = np.percentile(values, [0.2, 99.8])

@@ -50,14 +50,16 @@ class Section:
     place: float
     digits: int = 4
     """Decimals of `place` that count."""
+    names: tuple[str, str, str] = ("x", "y", "z")
+    """Of the three axes."""
 
     @classmethod
-    def through(cls, outline: FloatArray, view: View) -> Section:
+    def through(cls, outline: FloatArray, view: View, names: tuple[str, str, str] = ("x", "y", "z")) -> Section:
         """Through the middle of what is to be seen, points (n, 3), rounded to about a hundredth of its thickness."""
         along = outline[:, int(np.argmax(np.abs(view.axes[2])))]
         low, high = float(along.min()), float(along.max())
         digits = int(np.clip(2 - np.floor(np.log10(max(high - low, 1e-12))), 0, 12))
-        return cls(view, round(0.5 * (low + high), digits), digits)
+        return cls(view, round(0.5 * (low + high), digits), digits, names)
 
     @property
     def across(self) -> int:
@@ -67,12 +69,12 @@ class Section:
     @property
     def name(self) -> str:
         """The plane's equation."""
-        return f"{'xyz'[self.across]} = {self.place + 0.0:.{self.digits}f}"
+        return f"{self.names[self.across]} = {self.place + 0.0:.{self.digits}f}"
 
     @property
     def directions(self) -> str:
         """What runs to the right and up."""
-        right, up = ("xyz"[int(np.argmax(np.abs(axis)))] for axis in self.view.axes[:2])
+        right, up = (self.names[int(np.argmax(np.abs(axis)))] for axis in self.view.axes[:2])
         return f"{right} right, {up} up"
 
     def cells(self, field: DrawnSolid) -> FloatArray:
@@ -91,6 +93,16 @@ class Section:
         points = flat @ self.view.axes[:2] + self.place * np.eye(3)[self.across]
         return right, up, np.asarray(field(points), dtype=np.float64).reshape(_GRID, _GRID)
 
+    def draw_line(self, axes: Axes, field: DrawnSolid, window: FloatArray, *, filled: bool = False) -> None:
+        """Draw the zero set's line in the plane, within `window` as `draw`, and the inside if it is to be filled."""
+        right, up, values = self.values(field, window)
+        finite = np.where(np.isfinite(values), values, np.nanmax(np.where(np.isfinite(values), values, 0.0)) + 1.0)
+        if not finite.min() < 0.0 < finite.max():
+            return
+        if filled:
+            axes.contourf(right, up, finite, levels=[finite.min(), 0.0], colors=[theme.INSIDE], zorder=0)
+        axes.contour(right, up, finite, levels=[0.0], colors=[theme.RESULT], linewidths=theme.CURVE_WIDTH, zorder=4)
+
     def draw(self, axes: Axes, field: DrawnSolid, points: FloatArray, window: FloatArray, thickness: float) -> int:
         """Draw inside, leaves, section line and the points within `thickness` of the plane; gives the leaves' number.
 
@@ -106,11 +118,7 @@ class Section:
         thickness : float
             Caller's units.
         """
-        right, up, values = self.values(field, window)
-        finite = np.where(np.isfinite(values), values, np.nanmax(np.where(np.isfinite(values), values, 0.0)) + 1.0)
-        if finite.min() < 0.0 < finite.max():
-            axes.contourf(right, up, finite, levels=[finite.min(), 0.0], colors=[theme.INSIDE], zorder=0)
-            axes.contour(right, up, finite, levels=[0.0], colors=[theme.RESULT], linewidths=theme.CURVE_WIDTH, zorder=4)
+        self.draw_line(axes, field, window, filled=True)
         cells = self.cells(field)
         segments = mesh_segments(cells, window)
         mesh = LineCollection(list(segments), colors=theme.MESH, linewidths=theme.MESH_WIDTH, zorder=1)

@@ -36,22 +36,26 @@ def windows_of(views: list[View], outline: FloatArray) -> list[FloatArray]:
     return [box.mean(axis=0) + 0.5 * np.stack([-sides, sides]) for box in boxes]
 
 
-def stage(window: FloatArray, title: str) -> tuple[Figure, list[Axes]]:
-    """Four axes in a row, all with the proportions of `window`, and a title above them, left out if empty."""
+def stage(window: FloatArray, title: str, *, bar: bool = True) -> tuple[Figure, list[Axes]]:
+    """Four axes in a row, all with the proportions of `window`, and a title above them, left out if empty.
+
+    `bar` leaves room for a colour bar below them.
+    """
     width, height = np.ptp(window, axis=0)
     wide = _PANEL_INCHES * float(min(1.0, width / height))
     tall = wide * float(height / width)
     head, edge, between = 0.42 + (0.28 if title else 0.0), 0.14, 0.12
     # captions need some width, however slender the body
     pitch = max(wide, 2.3) + between
-    total = (2 * edge + 4 * pitch - between, head + tall + _BAR_INCHES)
+    below = _BAR_INCHES if bar else edge
+    total = (2 * edge + 4 * pitch - between, head + tall + below)
     figure = theme.new_figure(*total)
     if title:
         figure.text(
             0.012, 1.0 - 0.18 / total[1], title, color=theme.INK, fontsize=10.5, fontfamily=theme.FONT, va="center"
         )
     lefts = [edge + number * pitch for number in range(4)]
-    boxes = [(x / total[0], _BAR_INCHES / total[1], wide / total[0], tall / total[1]) for x in lefts]
+    boxes = [(x / total[0], below / total[1], wide / total[0], tall / total[1]) for x in lefts]
     return figure, [figure.add_axes(box) for box in boxes]
 
 
@@ -79,8 +83,8 @@ def color_bar(figure: Figure, panels: list[Axes], limit: float, label: str) -> N
     bar.set_label(label, fontsize=7.5, color=theme.INK, fontfamily=theme.FONT, labelpad=2)
 
 
-def triad(axes: Axes, view: View) -> None:
-    """Draw the directions of x, y and z in the lower left corner."""
+def triad(axes: Axes, view: View, names: tuple[str, str, str] = ("x", "y", "z")) -> None:
+    """Draw the directions of the three axes in the lower left corner."""
     line = {"arrowstyle": "-", "color": theme.MUTED, "linewidth": 0.8, "shrinkA": 0, "shrinkB": 0}
     middle = np.array([20.0, 20.0])
     for axis in range(3):
@@ -90,6 +94,6 @@ def triad(axes: Axes, view: View) -> None:
         end, name = (tuple(middle + length * way) for length in (12.0, 16.5))
         axes.annotate("", end, tuple(middle), "axes points", "axes points", arrowprops=line, zorder=7)
         axes.annotate(
-            "xyz"[axis], name, xycoords="axes points", fontsize=6.5, color=theme.MUTED, ha="center", va="center",
+            names[axis], name, xycoords="axes points", fontsize=6.5, color=theme.MUTED, ha="center", va="center",
             fontfamily=theme.FONT, zorder=7,
         )  # fmt: skip

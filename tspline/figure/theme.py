@@ -51,6 +51,15 @@ RESIDUAL: Colormap = LinearSegmentedColormap.from_list(
 )
 """From data inside the surface to data outside, by way of the pale grey of a good fit; lit surfaces keep their hue."""
 
+UNCERTAINTY: Colormap = LinearSegmentedColormap.from_list(
+    "uncertainty", ["#19b5a5", "#8fd14f", "#ffd23f", "#ff8c2b", "#e3173e"]
+)
+"""Of a contour's place, from sure to unsure: bright throughout, for lines with a dark rim over images."""
+NO_EDGE = "#f4f6f8"
+"""Where a contour follows no edge."""
+RIM = "#10161d"
+"""Around bright lines over images."""
+
 DEPTH: Colormap = LinearSegmentedColormap.from_list("depth", ["#c3ccd5", "#7d8b99", "#1d2733"])
 """Points in space, from far to near."""
 

@@ -24,6 +24,7 @@ pub mod hierarchy;
 pub mod lattice;
 pub mod local;
 pub mod mesh;
+pub mod mixture;
 pub mod net;
 mod part;
 pub mod patch;

@@ -9,6 +9,7 @@ mod cloud;
 mod convert;
 mod hierarchy;
 mod mesh;
+mod mixture;
 mod relax;
 mod scan;
 mod sparse_field;
@@ -27,6 +28,8 @@ mod _core {
     use super::hierarchy::Hierarchy;
     #[pymodule_export]
     use super::mesh::TMesh;
+    #[pymodule_export]
+    use super::mixture::mixture_log_density;
     #[pymodule_export]
     use super::relax::{relaxed_classes, relaxed_regions};
     #[pymodule_export]

@@ -1,0 +1,244 @@
+"""Where objects are by the statistics of their regions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from skimage.filters import threshold_otsu
+
+from segment.pyramid import PyramidLevel
+from segment.raster import depth
+from segment.regions import RegionModel, region_model
+from segment.regions.contrast import length_weights
+from segment.regions.labelling import BOUND, TOLERANCE, bounded, labelled
+from segment.start import Start
+from tspline import _core
+
+__all__ = ["RegionStart"]
+
+BoolArray = NDArray[np.bool_]
+
+#: Longer side up to which the labelling is refined, pixels; finer levels move the contour to the edges only.
+FINE_SIDE = 720
+#: Pixels of the coarse labelling about its border in which the finer one is free.
+BAND = 6.0
+#: Weight of length, nats a pixel, and how it falls on edges. Textured regions have evidence that hangs together over
+#: many pixels and counts them all: long lengths make up for it. Where nothing is known small objects count.
+TEXTURED, PLAIN = (60.0, 3.0), (1.5, 1.0)
+#: Axes of the ellipse in a box, in which the colours of its object are first looked for.
+ELLIPSE = 0.8
+#: Width in pixels of the coarsest level by which a region that grows may leak.
+NECK = 7
+#: Radius of the disc about a seed, part of the shorter side.
+SEED_RADIUS = 1 / 32
+#: Objects smaller than that, pixels of their level, are noise.
+LEAST_AREA = 6
+
+
+@dataclass(frozen=True)
+class Found:
+    """A start: the inside at a level, and what found it."""
+
+    inside: BoolArray
+    level: PyramidLevel
+
+
+class RegionStart:
+    """Labels of the pixels by region statistics, coarse first.
+
+    Parameters
+    ----------
+    levels : list of PyramidLevel
+        From the full image to the coarsest.
+    start : Start
+        What is known.
+    statistics : str
+        One of `STATISTICS`, or "auto".
+    """
+
+    def __init__(self, levels: list[PyramidLevel], start: Start, statistics: str) -> None:
+        self.levels, self.start, self.statistics = levels, start, statistics
+
+    def find(self) -> Found:
+        """The inside, at the finest level that was labelled."""
+        coarse = self.levels[-1]
+        fine = next(level for level in self.levels if max(level.shape) <= FINE_SIDE or level is coarse)
+        case = _Case.of(coarse, self.start, self.statistics)
+        if case.statistics == "local":
+            # Thin things are lost on a coarse level, and light that is uneven is what hides them.
+            case, coarse = _Case.of(fine, self.start, self.statistics), fine
+        model = region_model(case.statistics, coarse.channels, coarse.noise)
+        weights = length_weights(coarse.channels, *case.length)
+        result = labelled(model, weights, case.begin, case.known, case.domain)
+        inside = case.cleaned(result.inside)
+        if inside.any() and fine is not coarse:
+            inside = self._refined(inside, coarse, fine, case)
+        return Found(inside, fine)
+
+    def _refined(self, inside: BoolArray, coarse: PyramidLevel, fine: PyramidLevel, case: _Case) -> BoolArray:
+        """The same labelling on a finer level, in a band about the border of the coarse one."""
+        factor = coarse.scale // fine.scale
+        size = (coarse.shape[1] * factor, coarse.shape[0] * factor)
+
+        def enlarged(values: NDArray[np.float32]) -> NDArray[np.float32]:
+            large = cv2.resize(values, size, interpolation=cv2.INTER_LINEAR)
+            return np.ascontiguousarray(large[: fine.shape[0], : fine.shape[1]])
+
+        away = np.minimum(np.where(inside, -depth(inside), depth(~inside)), 4 * BAND).astype(np.float32)
+        distance = enlarged(away)
+        start = distance < 0
+        known = np.where(np.abs(distance) > BAND, np.where(start, 1, -1), 0).astype(np.int8)
+        given = self.start.known(fine.shape)
+        if given is not None:
+            known[given != 0] = given[given != 0]
+        model = region_model(case.statistics, fine.channels, fine.noise)
+        domain = None if case.domain is None else enlarged(case.domain.astype(np.float32)) > 0.5
+        _estimate(model, start, domain)
+        evidence = bounded(model.evidence(), known)
+        weights = length_weights(fine.channels, *case.length)
+        share, _, _ = _core.relaxed_regions(evidence, weights, [1.0, 1.0], tolerance=TOLERANCE)
+        return np.asarray(share > 0.5)
+
+
+def _estimate(model: RegionModel, inside: BoolArray, domain: BoolArray | None) -> None:
+    model.update(inside if domain is None else inside & domain, ~inside if domain is None else ~inside & domain)
+
+
+@dataclass(frozen=True)
+class _Case:
+    """How a labelling begins, on one level.
+
+    Attributes
+    ----------
+    begin : ndarray of bool
+        First inside.
+    known : ndarray of int8 or None
+        1 where the object is for sure, -1 where it is not.
+    domain : ndarray of bool or None
+        Pixels that statistics are made of.
+    statistics : str
+    length : pair of float
+        Strength and sharpness of the length weights.
+    grown_from : ndarray of bool or None
+        Where the object must hang together with, if it grows.
+    """
+
+    begin: BoolArray
+    known: NDArray[np.int8] | None
+    domain: BoolArray | None
+    statistics: str
+    length: tuple[float, float]
+    grown_from: BoolArray | None = None
+
+    @classmethod
+    def of(cls, level: PyramidLevel, start: Start, statistics: str) -> _Case:
+        shape = level.shape
+        known, domain = start.known(shape), start.domain(shape)
+        region = start.shrunk_region(shape)
+        if start.boxed:
+            assert region is not None
+            chosen = "mixture" if statistics == "auto" else statistics
+            return cls(_ellipse(region), known, domain, chosen, TEXTURED)
+        if region is None and start.strokes is not None:
+            region = start.shrunk_strokes(shape) > 0
+        if region is None and start.seeds is not None:
+            region = _discs(level, start.seeds)
+        if region is not None:
+            return cls._of_region(level, region, known, domain, statistics)
+        return cls._of_nothing(level, known, domain, statistics)
+
+    @classmethod
+    def _of_region(
+        cls,
+        level: PyramidLevel,
+        region: BoolArray,
+        known: NDArray[np.int8] | None,
+        domain: BoolArray | None,
+        statistics: str,
+    ) -> _Case:
+        """From a mask: it encloses the object, lies inside it, or is close to it."""
+        model = region_model("mixture" if statistics in ("auto", "local") else statistics, level.channels, level.noise)
+        _estimate(model, region, domain)
+        evidence = np.clip(model.evidence(), -BOUND, BOUND)
+        width = max(2, round(0.1 * float(np.sqrt(region.sum()))))
+        ring = np.ones((2 * width + 1, 2 * width + 1), np.uint8)
+        without = cv2.dilate(region.astype(np.uint8), ring).astype(bool) & ~region
+        within = region & ~cv2.erode(region.astype(np.uint8), ring, borderValue=1).astype(bool)
+        if float(evidence[without].mean()) > -0.5:
+            chosen = "gaussian" if statistics == "auto" else statistics
+            seeded = np.zeros(level.shape, np.int8) if known is None else known.copy()
+            seeded[region] = 1
+            return cls(region, seeded, domain, chosen, (2.0, PLAIN[1]), region)
+        chosen = "mixture" if statistics == "auto" else statistics
+        if float(evidence[within].mean()) < 0.5:
+            closed = np.zeros(level.shape, np.int8) if known is None else known.copy()
+            closed[~region] = -1
+            return cls(region, closed, domain, chosen, TEXTURED)
+        return cls(region, known, domain, chosen, TEXTURED)
+
+    @classmethod
+    def _of_nothing(
+        cls, level: PyramidLevel, known: NDArray[np.int8] | None, domain: BoolArray | None, statistics: str
+    ) -> _Case:
+        """From two classes of brightness; what meets the image's border less is the object."""
+        values = _principal(level.channels, domain)
+        inner = values if domain is None else values[domain]
+        bright = values > threshold_otsu(inner)
+        edge = np.zeros(level.shape, bool)
+        edge[[0, -1]] = edge[:, [0, -1]] = True
+        inside = bright if float(bright[edge].mean()) <= 0.5 else ~bright
+        if domain is not None:
+            inside &= domain
+        return cls(inside, known, domain, "means" if statistics == "auto" else statistics, PLAIN)
+
+    def cleaned(self, inside: BoolArray) -> BoolArray:
+        """Without specks; of a region that grew, what hangs together with its start by more than a neck."""
+        if self.grown_from is None:
+            count, pieces, stats, _ = cv2.connectedComponentsWithStats(inside.astype(np.uint8), connectivity=4)
+            keep = stats[:, cv2.CC_STAT_AREA] >= LEAST_AREA
+            keep[0] = False
+            kept: BoolArray = keep[pieces]
+            return kept
+        disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (NECK, NECK))
+        opened = cv2.morphologyEx(inside.astype(np.uint8), cv2.MORPH_OPEN, disc)
+        opened[self.grown_from] = 1
+        _, pieces = cv2.connectedComponents(opened, connectivity=4)
+        wanted = np.unique(pieces[self.grown_from & (opened > 0)])
+        core = np.isin(pieces, wanted[wanted > 0])
+        # What the opening took off the corners comes back.
+        grown = cv2.dilate(core.astype(np.uint8), disc).astype(bool) & inside
+        _, holes = cv2.connectedComponents((~grown).astype(np.uint8), connectivity=4)
+        rim = np.unique(np.concatenate([holes[0], holes[-1], holes[:, 0], holes[:, -1]]))
+        return grown | ~np.isin(holes, rim)
+
+
+def _ellipse(box: BoolArray) -> BoolArray:
+    rows, columns = np.flatnonzero(box.any(axis=1)), np.flatnonzero(box.any(axis=0))
+    centre = 0.5 * np.array([rows[0] + rows[-1], columns[0] + columns[-1]])
+    half = 0.5 * ELLIPSE * np.array([rows[-1] - rows[0] + 1, columns[-1] - columns[0] + 1])
+    row, column = np.ogrid[: box.shape[0], : box.shape[1]]
+    inside: BoolArray = ((row - centre[0]) / half[0]) ** 2 + ((column - centre[1]) / half[1]) ** 2 <= 1
+    return inside if inside.any() else box
+
+
+def _discs(level: PyramidLevel, seeds: NDArray[np.float64]) -> BoolArray:
+    row, column = np.ogrid[: level.shape[0], : level.shape[1]]
+    radius = max(2.0, SEED_RADIUS * min(level.shape))
+    inside = np.zeros(level.shape, bool)
+    for r, c in level.from_full(seeds):
+        inside |= (row - r) ** 2 + (column - c) ** 2 <= radius**2
+    return inside
+
+
+def _principal(channels: NDArray[np.float32], domain: BoolArray | None) -> NDArray[np.float32]:
+    """The channel, or the combination of channels that varies most, brighter upwards; shape (h, w)."""
+    if channels.shape[-1] == 1:
+        return channels[..., 0]
+    rows = channels.reshape(-1, channels.shape[-1]) if domain is None else channels[domain]
+    away = rows.astype(np.float64) - rows.mean(axis=0, dtype=np.float64)
+    direction = np.linalg.eigh(away.T @ away)[1][:, -1]
+    direction *= np.sign(direction.sum()) or 1.0
+    return np.asarray(channels @ direction.astype(np.float32))

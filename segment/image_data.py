@@ -170,8 +170,7 @@ def _channels_last(array: NDArray[Any], channel_axis: int | None) -> NDArray[Any
             raise InvalidArgumentError(
                 "image",
                 f"an array of shape {array.shape}, a volume or a stack",
-                "2D, (rows, columns) or (rows, columns, 3 | 4): volumes are not supported yet; "
-                "other numbers of channels need channel_axis",
+                "2D, (rows, columns) or (rows, columns, 3 | 4); other numbers of channels need channel_axis",
             )
         channel_axis = 2
     if channel_axis is None:
@@ -187,11 +186,11 @@ def _channels_last(array: NDArray[Any], channel_axis: int | None) -> NDArray[Any
         array.ndim == 3,
         "image",
         f"an array of shape {array.shape} with channel_axis={channel_axis}",
-        "(rows, columns) and the channel axis: volumes are not supported yet",
+        "(rows, columns) and the channel axis",
     )
     stack = np.moveaxis(array, channel_axis, 2)
     count = stack.shape[2]
-    require(count <= 16, "image", f"{count} channels", "1 to 16 channels: volumes are not supported yet")
+    require(count <= 16, "image", f"{count} channels", "1 to 16 channels")
     if count == 4:
         stack = stack[:, :, :3]
     if (

@@ -48,6 +48,14 @@ class Separation:
         brightness = valleys(self.channels, mask, _typical(half_widths(mask, beyond), mask))
         return ObjectFields.of(field, parted(mask, beyond, brightness))
 
+    def numbered(self, mask: BoolArray) -> IntArray:
+        """Numbers of the objects of a mask alone, whose outline runs half-way between pixels."""
+        if not mask.any():
+            return mask.astype(np.int32)
+        if self.seeds is not None:
+            return parted(mask, None, None, self._markers(mask))
+        return parted(mask, None, valleys(self.channels, mask, _typical(half_widths(mask, None), mask)))
+
     def _markers(self, mask: BoolArray) -> IntArray:
         """The seeds on the mask; those beside it are moved to its nearest pixel."""
         assert self.seeds is not None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,17 +35,17 @@ ROUNDS = 20
 
 @dataclass(frozen=True)
 class BrightnessClasses:
-    """Gaussian classes, from dark to bright.
+    """Gaussian classes with one covariance, so that borders lie half-way; from dark to bright.
 
     Attributes
     ----------
     means : ndarray, shape (k, c)
-    factors : ndarray, shape (k, c, c)
-        Inverse Cholesky factors of the covariances.
+    factor : ndarray, shape (c, c)
+        Inverse of the covariance's Cholesky factor.
     """
 
     means: FloatArray
-    factors: FloatArray
+    factor: FloatArray
 
     @property
     def number(self) -> int:
@@ -52,60 +53,53 @@ class BrightnessClasses:
         return len(self.means)
 
     @classmethod
-    def found(cls, values: Float32Array, number: int | None = None, *, own: bool = False) -> BrightnessClasses:
+    def found(cls, values: Float32Array, number: int | None = None) -> BrightnessClasses:
         """Classes of voxels (n, c): as many as are asked for, or as the histogram has modes, at least two.
 
         Where it has enough of them, classes are centred on the modes: partial volumes, whose values lie between, do not
         draw these together as they do means. Several channels are parted along the direction in which they vary most.
-        `own`: each class has a covariance of its own; otherwise they share one, so that a border lies half-way.
         """
         sample = values[:: max(len(values) // SAMPLE, 1) | 1].astype(np.float64)
-        light = _brightness(sample)
+        light = _brightness_of(sample, sample)
         histogram = Histogram.of(light, number)
-        if values.shape[1] == 1 and not own and histogram.modes is not None:
-            return cls.shared(histogram.modes[:, np.newaxis], histogram.spreads()[:, np.newaxis, np.newaxis] ** 2)
+        if values.shape[1] == 1 and histogram.modes is not None:
+            spread = histogram.spreads()[:, np.newaxis, np.newaxis] ** 2
+            return cls._shared(histogram.modes[:, np.newaxis], spread.mean(axis=0))
         label = np.searchsorted(histogram.cuts, light)
         share = (label[:, np.newaxis] == np.arange(len(histogram.cuts) + 1)).astype(np.float64)
         for _ in range(ROUNDS):
-            classes = cls.of_shares(sample, share, own=own)
+            classes = cls.of_shares(sample, share)
             log = classes.log_density(sample) + np.log(share.mean(axis=0) + 1e-12)
             share = np.exp(log - log.max(axis=1, keepdims=True))
             share /= share.sum(axis=1, keepdims=True)
         order = np.argsort(_brightness_of(classes.means, sample))
-        return cls(classes.means[order], classes.factors[order])
+        return cls(classes.means[order], classes.factor)
 
     @classmethod
-    def of_shares(cls, values: FloatArray, share: FloatArray, *, own: bool) -> BrightnessClasses:
+    def of_shares(cls, values: FloatArray, share: FloatArray) -> BrightnessClasses:
         """Classes of values (n, c) by their shares in them (n, k)."""
         total = share.sum(axis=0) + 1e-9
         means = share.T @ values / total[:, np.newaxis]
-        spread = np.empty((len(means), values.shape[1], values.shape[1]))
+        spread = np.zeros((values.shape[1], values.shape[1]))
         for k, mean in enumerate(means):
             away = values - mean
-            spread[k] = (share[:, k, np.newaxis] * away).T @ away / total[k]
-        return cls._own(means, spread) if own else cls.shared(means, spread, total)
+            spread += (share[:, k, np.newaxis] * away).T @ away
+        return cls._shared(means, spread / total.sum())
 
     @classmethod
-    def shared(cls, means: FloatArray, spread: FloatArray, mass: FloatArray | None = None) -> BrightnessClasses:
-        """Classes that have the mean of some covariances (k, c, c) in common, by their masses (k,) or all alike."""
-        mean = np.average(spread, axis=0, weights=mass)
-        return cls._own(means, np.broadcast_to(mean, spread.shape))
-
-    @classmethod
-    def _own(cls, means: FloatArray, spread: FloatArray) -> BrightnessClasses:
+    def _shared(cls, means: FloatArray, spread: FloatArray) -> BrightnessClasses:
         floor = LEAST_SPREAD**2 * np.eye(means.shape[1])
         return cls(means, np.linalg.inv(np.linalg.cholesky(spread + floor)))
 
-    def log_density(self, values: NDArray[np.floating]) -> NDArray[np.floating]:
-        """Logarithms of the densities at values (n, c), (n, k), but for a constant."""
+    def log_density(self, values: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
+        """Logarithms of the densities at values (n, c), (n, k), but for a constant that all have in common."""
         log = np.empty((len(values), self.number), dtype=values.dtype)
-        for k, (mean, factor) in enumerate(zip(self.means, self.factors, strict=True)):
-            constant = values.dtype.type(np.log(np.diag(factor)).sum())
-            if values.shape[1] == 1:
-                square = ((values[:, 0] - values.dtype.type(mean[0])) * values.dtype.type(factor[0, 0])) ** 2
-            else:
-                square = (((values - mean.astype(values.dtype)) @ factor.T.astype(values.dtype)) ** 2).sum(axis=1)
-            log[:, k] = constant - values.dtype.type(0.5) * square
+        factor, half = self.factor.astype(values.dtype), values.dtype.type(0.5)
+        for k, mean in enumerate(self.means.astype(values.dtype)):
+            away = values - mean
+            # Row by row, a product of matrices would round by how rows are shared out.
+            scaled = [sum(factor[a, b] * away[:, b] for b in range(a + 1)) for a in range(len(factor))]
+            log[:, k] = -half * sum(s * s for s in scaled)
         return log
 
 
@@ -155,10 +149,6 @@ class Histogram:
             # The end of the range has one side only.
             found.append(np.sqrt(min(side for side, on in zip(sides, (below, above), strict=True) if on.sum() > 1)))
         return np.array(found)
-
-
-def _brightness(values: FloatArray) -> FloatArray:
-    return _brightness_of(values, values)
 
 
 def _brightness_of(values: FloatArray, sample: FloatArray) -> FloatArray:

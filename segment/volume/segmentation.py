@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import label
 
 from segment.result import SegmentResult
-from segment.volume.labelling import STATISTICS, Labelling, labelled
+from segment.touching import Separation
+from segment.volume.labelling import Labelling, labelled
 from segment.volume.placement import placed_field
 from segment.volume.start import VolumeStart
 from segment.volume.volume_data import VolumeData
@@ -22,14 +23,14 @@ from tspline.field import LevelSet
 from tspline.grid import GridField, spline_of
 from tspline.sparse_field import MarchRecord, MarchStep
 
-__all__ = ["segment_volume"]
+__all__ = ["VolumeOptions", "segment_volume"]
 
-FloatArray = NDArray[np.float64]
-
-#: Way that the zero set of the T-spline may be off the labelled voxels', in smallest sides of a voxel.
+#: Way that the zero set of the T-spline may be off the voxels' field, in smallest sides of a voxel.
 TOLERANCE = 0.15
 #: Voxels whose field is asked for at once.
 PART = 1 << 20
+#: Classes at most.
+MOST_PHASES = 8
 MESSAGES = {
     0: "converged",
     2: "nothing found: no region differs from the rest",
@@ -37,91 +38,124 @@ MESSAGES = {
 }
 
 
-@dataclass
-class _Run:
-    """One segmentation on its way."""
+@dataclass(frozen=True)
+class VolumeOptions:
+    """What `segment_image` was asked for; see there."""
 
-    data: VolumeData
-    solver: str
-    max_depth: int | None
-    callback: Callable[[Any], object] | None
-    history: list[Any]
-    status: int = 0
-
-    def field(self, found: Labelling) -> TSpline | GridField:
-        """The level set of a labelling, caller's units."""
-        grid = placed_field(self.data, found.mask, found.evidence)
-        if self.solver == "grid":
-            return grid
-        return spline_of(grid, TOLERANCE * float(self.data.spacing.min()), self.max_depth)
-
-    def tell(self, field: TSpline | GridField, phase: str) -> None:
-        """Record a stage, and tell the callback of it."""
-        number = len(self.history) + 1
-        count = field.num_coefficients
-        if isinstance(field, TSpline):
-            self.history.append(StepRecord(number, phase, 0.0, 1.0, 0.0, 0.0, 0.0, 0, count))
-        else:
-            self.history.append(MarchRecord(number, 0.0, 1.0, 0.0, 0.0, count))
-        if self.callback is None:
-            return
-        step = (
-            EvolutionStep(number, phase, field, 0.0, count)
-            if isinstance(field, TSpline)
-            else MarchStep(number, phase, field, 0.0, count)
-        )
-        if self.callback(step) is True:
-            self.status = 3
+    statistics: str = "auto"
+    phases: int | None = None
+    separate: bool = False
+    max_depth: int | None = None
+    solver: str = "tspline"
+    callback: Callable[[Any], object] | None = None
 
 
 def segment_volume(
     image: ArrayLike,
-    *,
-    channel_axis: int | None = None,
-    spacing: Sequence[float] | float | None = None,
-    init: Any = None,
-    seeds: ArrayLike | None = None,
-    roi: ArrayLike | None = None,
-    max_depth: int | None = None,
-    solver: str = "tspline",
-    callback: Callable[[Any], object] | None = None,
-    statistics: str = "auto",
-    phases: int | None = None,
+    channel_axis: int | None,
+    spacing: Sequence[float] | float | None,
+    places: tuple[Any, ArrayLike | None, ArrayLike | None],
+    options: VolumeOptions,
 ) -> SegmentResult:
-    """Find the objects of a volume; the arguments are those of `segment_image`, which calls this for volumes."""
-    accepted = ", ".join(repr(s) for s in STATISTICS)
-    require(statistics in STATISTICS, "statistics", repr(statistics), accepted)
+    """Find the objects of a volume; `places` are `init`, `seeds` and `roi` of `segment_image`."""
     data = VolumeData.from_array(image, channel_axis, spacing)
+    init, seeds, roi = places
     start = VolumeStart.checked(data.shape, init, seeds, roi)
-    run = _Run(data, solver, max_depth, callback, [])
-    found = labelled(data, start, statistics, phases)
-    if not found.mask.any():
-        run.status = 2
-    field = run.field(found)
-    run.tell(field, "label")
-    mask = _inside(field, data)
-    labels, count = label(mask, np.ones((3, 3, 3)), output=np.int32)
+    phases = options.phases
+    whole = phases is None or (isinstance(phases, int | np.integer) and 2 <= phases <= MOST_PHASES)
+    require(whole, "phases", repr(phases), f"a whole number from 2 to {MOST_PHASES}, or None")
+    run = _Run(data, options)
+    found = labelled(data, start, options.statistics, phases)
+    level_set = run.level_set(found.mask, found.evidence)
+    run.tell(level_set)
+    mask = _inside(level_set, data)
+    if options.separate:
+        labels = Separation(data.channels, None if seeds is None else np.asarray(seeds)).numbered(mask)
+        count = int(labels.max())
+    else:
+        labels, count = label(mask, np.ones((3, 3, 3)), output=np.int32)
     if count == 0 and run.status == 0:
         run.status = 2
-    field.metadata = {"made_by": "segment_image", "shape": list(data.shape), "spacing": data.spacing.tolist()}
     return SegmentResult(
         mask=mask,
         labels=labels,
         contours=[],
         contour_flags=[],
         contour_uncertainty=[],
-        field=field,
+        field=level_set,
         success=run.status == 0,
         status=run.status,
         message=MESSAGES[run.status],
         nit=len(run.history),
         history=run.history,
-        num_components=int(count),
+        num_components=count,
         warnings=[],
+        object_fields=[level_set],
+        classes=None if found.classes is None else _classes(found, mask),
+        background=found.background,
+        phases=run.class_fields(found),
     )
 
 
-def _inside(field: LevelSet, data: VolumeData) -> NDArray[np.bool_]:
+def _classes(found: Labelling, mask: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """Classes that are the background's exactly where the mask is not."""
+    assert found.classes is not None
+    assert found.densities is not None
+    wrong = (found.classes != found.background) != mask
+    densities = found.densities[:, wrong].copy()
+    # Voxels that changed sides: the likeliest class of their side.
+    inside = mask[wrong]
+    densities[found.background] = np.where(inside, -np.inf, np.inf)
+    classes = found.classes.copy()
+    classes[wrong] = densities.argmax(axis=0)
+    return classes
+
+
+@dataclass
+class _Run:
+    """One segmentation on its way."""
+
+    data: VolumeData
+    options: VolumeOptions
+    history: list[Any] = field(default_factory=list)
+    status: int = 0
+
+    def level_set(self, mask: NDArray[np.bool_], evidence: NDArray[np.float32]) -> TSpline | GridField:
+        """The level set of labelled voxels, caller's units."""
+        on_grid = placed_field(self.data, mask, evidence)
+        made: TSpline | GridField = on_grid
+        if self.options.solver == "tspline":
+            tolerance = TOLERANCE * float(self.data.spacing.min())
+            made = spline_of(on_grid, tolerance, self.options.max_depth)
+        spacing = self.data.spacing.tolist()
+        made.metadata = {"made_by": "segment_image", "shape": list(self.data.shape), "spacing": spacing}
+        return made
+
+    def class_fields(self, found: Labelling) -> list[LevelSet]:
+        """A level set on the grid for each class that was asked for."""
+        if found.classes is None or found.densities is None:
+            return []
+        fields: list[LevelSet] = []
+        for k, own in enumerate(found.densities):
+            others = np.delete(found.densities, k, axis=0).max(axis=0)
+            fields.append(placed_field(self.data, found.classes == k, own - others))
+        return fields
+
+    def tell(self, now: TSpline | GridField) -> None:
+        """Record that voxels are labelled and placed, and tell the callback."""
+        count = now.num_coefficients
+        step: EvolutionStep | MarchStep
+        if isinstance(now, TSpline):
+            self.history.append(StepRecord(1, "label", 0.0, 1.0, 0.0, 0.0, 0.0, 0, count))
+            step = EvolutionStep(1, "label", now, 0.0, count)
+        else:
+            self.history.append(MarchRecord(1, 0.0, 1.0, 0.0, 0.0, count))
+            step = MarchStep(1, "label", now, 0.0, count)
+        if self.options.callback is not None and self.options.callback(step) is True:
+            self.status = 3
+
+
+def _inside(level_set: LevelSet, data: VolumeData) -> NDArray[np.bool_]:
     """f < 0 at the centres of the voxels."""
     planes, rows, columns = data.shape
     mask = np.empty(data.shape, dtype=bool)
@@ -130,5 +164,5 @@ def _inside(field: LevelSet, data: VolumeData) -> NDArray[np.bool_]:
         last = min(first + part, planes)
         at = np.moveaxis(np.indices((last - first, rows, columns), dtype=np.float64), 0, -1)
         at[..., 0] += first
-        mask[first:last] = (field(at.reshape(-1, 3) * data.spacing) < 0).reshape(at.shape[:3])
+        mask[first:last] = (level_set(at.reshape(-1, 3) * data.spacing) < 0).reshape(at.shape[:3])
     return mask

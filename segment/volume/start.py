@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import label
 
 from tspline.errors import InvalidArgumentError, require
 
@@ -61,6 +62,42 @@ class VolumeStart:
         if inside is not None and outside is not None:
             inside = inside & ~outside
         return cls(hint, places, inside, outside)
+
+    def heard(self, shape: Shape) -> BoolArray:
+        """Voxels that statistics are made of: those that may be object, if they are most of the volume.
+
+        A box tells objects from background only together with its surroundings.
+        """
+        if self.outside is None or 2 * np.count_nonzero(self.outside) > self.outside.size:
+            return np.ones(shape, dtype=bool)
+        heard: BoolArray = ~self.outside
+        return heard
+
+    def hinted(self, parts: NDArray[np.intp], number: int) -> BoolArray | None:
+        """The classes that the hint speaks for, (number,); None where it speaks for none or for all."""
+        if self.hint is None:
+            return None
+        within = np.bincount(parts[self.hint], minlength=number) / int(np.count_nonzero(self.hint))
+        if self.seeds is not None and self.inside is None:
+            # A few places: the class of most of them.
+            return np.asarray(np.arange(number) == int(np.argmax(within)))
+        beyond = self.outside if self.inside is not None and self.outside is not None else ~self.hint
+        without = np.bincount(parts[beyond], minlength=number) / max(int(np.count_nonzero(beyond)), 1)
+        chosen: BoolArray = within > without
+        return chosen if chosen.any() and not chosen.all() else None
+
+    def wanted(self, mask: BoolArray) -> BoolArray:
+        """What of a region is not known to be outside, and hangs together with a seed."""
+        if self.outside is not None:
+            mask = mask & ~self.outside
+        if self.seeds is None:
+            return mask
+        pieces, count = label(mask, np.ones((3, 3, 3)))
+        keep = np.zeros(count + 1, dtype=bool)
+        keep[pieces[self.seeds]] = True
+        keep[0] = False
+        kept: BoolArray = keep[pieces]
+        return kept
 
 
 def _strokes(strokes: NDArray[Any]) -> tuple[BoolArray, BoolArray]:

@@ -19,9 +19,7 @@ MIN_SIDE = 8
 NOISE_PLANES = 9
 #: Channels at most.
 MOST_CHANNELS = 16
-ACCEPTED = (
-    f"a volume (planes, rows, columns[, channels]), bool, integer or float, at least {MIN_SIDE} voxels a side"
-)
+ACCEPTED = f"a volume (planes, rows, columns[, channels]), bool, integer or float, at least {MIN_SIDE} voxels a side"
 
 
 @dataclass(frozen=True)
@@ -97,7 +95,7 @@ class VolumeData:
 
 
 def is_volume(image: ArrayLike, channel_axis: int | None) -> bool:
-    """Whether an array is a volume: 4D, or 3D without a channel axis, which three or four last entries are by default."""
+    """Whether an array is a volume: 4D, or 3D without a channel axis, which by default is a last axis of 3 or 4."""
     if isinstance(image, np.ndarray):
         shape: tuple[int, ...] = image.shape
     else:

@@ -64,10 +64,10 @@ def spline_of(field: GridField, tolerance: float | None = None, max_depth: int |
         return f
 
     spline = TSpline.fit(mesh, values) if field.dim == 2 else _interpolated(mesh, values)
-    if field.dim == 3 and tolerance is not None and level < deepest and len(at):
+    rough = tolerance is not None and len(at) > 0 and float(np.mean(np.abs(spline(at)) > tolerance)) > ROUGH
+    if field.dim == 3 and rough and level < deepest:
         # All cells or none: places where cells of two sizes meet are to stay away from the zero set.
-        if np.mean(np.abs(spline(at)) > tolerance) > ROUGH:
-            spline = _interpolated(TMesh.from_points(bounds, at, level + 1, pad=1, base=base), values)
+        spline = _interpolated(TMesh.from_points(bounds, at, level + 1, pad=1, base=base), values)
     spline.metadata = dict(field.metadata)
     return spline
 

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation, gaussian_filter
+from scipy.ndimage import binary_dilation
 
 from segment.regions import region_model
+from segment.volume.blocks import BlurredBlocks
 from segment.volume.brightness import BrightnessClasses
 from segment.volume.local_means import LocalMeans, border_shell, window
 from segment.volume.relaxation import Relaxation
@@ -215,5 +216,6 @@ def _above_surroundings(data: VolumeData) -> Float32Array:
     """Evidence of being brighter than a wide surrounding, in units of its spread."""
     light = data.channels.mean(axis=-1)
     width = SURROUNDING * max(n * s for n, s in zip(data.shape, data.sides, strict=True))
-    above: Float32Array = light - gaussian_filter(light, data.widths(width), mode="nearest")
+    blocks = BlurredBlocks.of(data, width)
+    above: Float32Array = light - blocks.spread(blocks.blurred(light))
     return above / np.float32(max(float(above.std()), 1e-6))

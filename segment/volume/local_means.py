@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation, binary_erosion, gaussian_filter
+from scipy.ndimage import binary_dilation, binary_erosion
 
+from segment.volume.blocks import BlurredBlocks
 from segment.volume.volume_data import VolumeData
 
 __all__ = ["LocalMeans", "border_shell"]
@@ -45,17 +46,17 @@ class LocalMeans:
     @classmethod
     def of(cls, data: VolumeData, mask: BoolArray, width: float) -> LocalMeans:
         """Means around a region and its complement, both not empty; the window's width in smallest voxel sides."""
-        sigma = data.widths(width)
-        share = gaussian_filter(mask.astype(np.float32), sigma, mode="nearest")
+        window = BlurredBlocks.of(data, width)
+        share = window.blurred(mask.astype(np.float32))
         inside, outside = np.empty_like(data.channels), np.empty_like(data.channels)
         variance = np.empty(data.channels.shape[-1])
         for k in range(len(variance)):
             values = data.channels[..., k]
-            both = gaussian_filter(values, sigma, mode="nearest")
-            own = gaussian_filter(np.where(mask, values, 0), sigma, mode="nearest")
-            there, here = GLOBAL * values[mask].mean(), GLOBAL * values[~mask].mean()
-            inside[..., k] = (own + there) / (share + GLOBAL)
-            outside[..., k] = (both - own + here) / (1 - share + GLOBAL)
+            both = window.blurred(values)
+            own = window.blurred(np.where(mask, values, np.float32(0)))
+            there, here = (GLOBAL * values[part].mean(dtype=np.float64) for part in (mask, ~mask))
+            inside[..., k] = window.spread((own + there) / (share + GLOBAL))
+            outside[..., k] = window.spread((both - own + here) / (1 - share + GLOBAL))
             rest = values - np.where(mask, inside[..., k], outside[..., k])
             variance[k] = max(float(np.mean(rest**2, dtype=np.float64)), 1e-6)
         return cls(inside, outside, variance)

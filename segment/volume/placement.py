@@ -27,11 +27,12 @@ SMOOTH = 0.6
 LEAST_SLOPE = 0.3
 #: Noise below that part of the contrast is not averaged; more is, over a width of so many smallest sides for noise as
 #: large as the contrast, up to a widest one.
-CLEAN, FAIR, WIDEST = 0.03, 4.0, 1.5
+CLEAN, FAIR, WIDEST = 0.03, 2.0, 1.0
 #: Corrections of the values by what the field between them makes of them.
 ROUNDS = 2
-#: Closest that a voxel's centre comes to the zero set, in smallest sides: its label stays.
-CLEAR = 0.05
+#: Closest that a voxel's centre comes to the zero set, in smallest sides, so that its label stays: without noise, more
+#: for noise as large as the contrast, and at most.
+CLEAR = 0.05, 1.5, 0.4
 
 
 def placed_field(data: VolumeData, mask: BoolArray, evidence: Float32Array) -> GridField:
@@ -52,14 +53,15 @@ def placed_field(data: VolumeData, mask: BoolArray, evidence: Float32Array) -> G
     if inside.any():
         near, distance, breadth = _near(inside, data.sides)
         away = _away(data, evidence, near)
-        reach = np.maximum(distance, CLEAR)
+        ratio = _noise(data, mask)
+        clear = min(CLEAR[0] + CLEAR[1] * ratio, CLEAR[2])
+        reach = np.maximum(distance, clear)
         # Half a voxel to either side, and never across its centre.
         sign = np.where(inside[near], -1.0, 1.0)
-        away = np.clip(sign * away, np.maximum(reach - breadth, CLEAR), reach + breadth)
+        away = np.clip(sign * away, np.maximum(reach - breadth, clear), reach + breadth)
         values[near] = np.clip(sign * away, -NEAR, NEAR)
-        width = _width(data, mask)
-        if width > 0:
-            values = _fair(values, data.widths(width))
+        if ratio > CLEAN:
+            values = _fair(values, data.widths(min(FAIR * ratio, WIDEST)))
         _fulfil(values, near, grid)
     return GridField(grid, values * smallest).redistanced(BAND * float(data.spacing.max()))
 
@@ -103,13 +105,12 @@ def _away(data: VolumeData, evidence: Float32Array, near: tuple[NDArray[np.intp]
     return away
 
 
-def _width(data: VolumeData, mask: BoolArray) -> float:
-    """Width over which noise is averaged along the surface, in smallest sides."""
-    if not mask.any() or mask.all():
+def _noise(data: VolumeData, mask: BoolArray) -> float:
+    """Noise of a voxel in units of the contrast of the two regions."""
+    if mask.all():
         return 0.0
-    contrast = data.channels[mask].mean(axis=0) - data.channels[~mask].mean(axis=0)
-    ratio = 1.0 / max(float(np.linalg.norm(contrast / np.maximum(data.noise, 1e-9))), 1e-9)
-    return min(FAIR * ratio, WIDEST) if ratio > CLEAN else 0.0
+    contrast = data.channels[mask].mean(axis=0, dtype=np.float64) - data.channels[~mask].mean(axis=0, dtype=np.float64)
+    return 1.0 / max(float(np.linalg.norm(contrast / np.maximum(data.noise, 1e-9))), 1e-9)
 
 
 def _fair(values: FloatArray, widths: list[float]) -> FloatArray:

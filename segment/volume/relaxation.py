@@ -21,6 +21,8 @@ Float32Array = NDArray[np.float32]
 LENGTH = 1.0
 #: Nats at most that a voxel says of itself, and that what is known for sure says.
 BOUND, SURE = 50.0, 1e3
+#: Accuracy of the labels, relative to what they can gain.
+TOLERANCE = 1e-3
 #: Faces of voxels overstate a surface that lies obliquely by half in the mean.
 OBLIQUE = 1.5
 
@@ -39,7 +41,8 @@ class Relaxation:
             weighed[self.start.outside] = -SURE
         if self.start.inside is not None:
             weighed[self.start.inside] = SURE
-        u, _, _ = _core.relaxed_regions(np.ascontiguousarray(weighed), self._lengths(), self.data.sides.tolist())
+        sides = self.data.sides.tolist()
+        u, _, _ = _core.relaxed_regions(np.ascontiguousarray(weighed), self._lengths(), sides, tolerance=TOLERANCE)
         mask: BoolArray = u > 0.5
         return mask
 

@@ -80,7 +80,7 @@ peers: $(VENV)/installed
 	$(PIP) install --quiet --requirement $(VENV)/peers.txt
 
 bench: peers
-	for script in kernels curves paper_examples images scaling grid_solver cross_check surfaces; do \
+	for script in kernels curves paper_examples images regions natural subpixel resources scaling grid_solver cross_check surfaces; do \
 	    $(RUN) benchmarks/$$script.py || exit 1; done
 
 install: $(VENV)/installed

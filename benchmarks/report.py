@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 T = TypeVar("T")
 PACKAGES = (
     *("numpy", "scipy", "scikit-image", "SimpleITK", "open3d", "pypoisson2"),
-    *("itk", "ViennaLS", "scikit-fmm", "tspline"),
+    *("itk", "ViennaLS", "scikit-fmm", "opencv-contrib-python-headless", "scikit-learn", "tspline"),
 )
 
 

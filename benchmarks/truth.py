@@ -46,16 +46,22 @@ class Data:
 
     def photograph(self, name: str) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]:
         """A real image and its mask (255 object, 0 background, 128 not scored)."""
-        image, mask = (iio.imread(self.folder / "images" / f"{name}{end}.png") for end in ("", "_mask"))
-        return np.asarray(image), np.asarray(mask)
+        folder = self.folder / "images"
+        suffix = ".png" if (folder / f"{name}.png").is_file() else ".jpg"
+        return np.asarray(iio.imread(folder / f"{name}{suffix}")), np.asarray(iio.imread(folder / f"{name}_mask.png"))
+
+    def volume(self, name: str) -> tuple[npt.NDArray[np.uint8], Mask]:
+        """A volume (plane, row, col) and its mask."""
+        with np.load(self.folder / "images" / f"{name}.npz") as arrays:
+            return arrays["image"], arrays["mask"]
 
     def score_mask(self, mask: Mask, truth: npt.NDArray[Any]) -> dict[str, Any]:
-        """IoU, Dice, boundary F-score and mean boundary distance in pixels."""
+        """IoU, Dice, boundary F-score and mean boundary distance in pixels, of an image or a volume."""
         truth = truth.astype(np.uint8) * 255 if truth.dtype == bool else truth
         with tempfile.TemporaryDirectory() as folder:
-            paths = Path(folder, "mask.png"), Path(folder, "truth.png")
+            paths = Path(folder, "mask.npz"), Path(folder, "truth.npz")
             for path, array in zip(paths, (mask.astype(np.uint8) * 255, truth), strict=True):
-                iio.imwrite(path, array)
+                np.savez(path, mask=array)
             scores: dict[str, Any] = self.module("score").mask(*paths)
         return scores
 
@@ -96,6 +102,13 @@ def box_mask(shape: tuple[int, ...], box: Box) -> Mask:
     """Pixels of a box, both ends included."""
     mask = np.zeros(shape, dtype=bool)
     mask[box[0] : box[2] + 1, box[1] : box[3] + 1] = True
+    return mask
+
+
+def disc_mask(shape: tuple[int, ...], centre: tuple[float, float], radius: float) -> Mask:
+    """Pixels whose centre lies within `radius` of a (row, col)."""
+    rows, cols = np.ogrid[: shape[0], : shape[1]]
+    mask: Mask = (rows - centre[0]) ** 2 + (cols - centre[1]) ** 2 <= radius**2
     return mask
 
 

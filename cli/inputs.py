@@ -64,8 +64,8 @@ def expand(patterns: Sequence[str], endings: Sequence[str] = (), *, recursive: b
     patterns : sequence of str
         Names of files and folders, globs, and ``-``.
     endings : sequence of str
-        Of the files taken from a folder, lower case; without any, folders are kept as they are. Hidden files are left
-        out.
+        Of the files taken from a folder, lower case; without any, folders are kept as they are. Hidden files and models
+        are left out. With ``.dcm`` a folder that holds DICOM files is one input.
     recursive : bool
         Take the files of all folders below, too.
 
@@ -81,7 +81,7 @@ def expand(patterns: Sequence[str], endings: Sequence[str] = (), *, recursive: b
     """
     found: list[Input] = []
     for pattern in patterns:
-        if endings and os.path.isdir(pattern) and not _is_series(pattern):
+        if endings and os.path.isdir(pattern) and not _is_series(pattern, endings):
             found.extend(Input(name) for name in _files_of(pattern, endings, recursive=recursive))
             continue
         if pattern == "-" or os.path.exists(pattern) or not glob.has_magic(pattern):
@@ -101,22 +101,31 @@ def _files_of(folder: str, endings: Sequence[str], *, recursive: bool) -> list[s
     names = []
     for place, below, files in os.walk(folder):
         below[:] = sorted(name for name in below if not name.startswith(".")) if recursive else []
-        if place != folder and _is_series(place):
+        if place != folder and _is_series(place, endings):
             names.append(place)
             continue
-        wanted = (name for name in files if not name.startswith(".") and name.lower().endswith(tuple(endings)))
-        names += [os.path.join(place, name) for name in sorted(wanted)]
+        names += [os.path.join(place, name) for name in sorted(files) if _is_wanted(name.lower(), endings)]
     if not names:
         where = "there or in a folder below" if recursive else "directly in it (--recursive looks below)"
         raise UsageError(f"{folder}: found no file {where}; accepted is {' '.join(endings)}")
     return names
 
 
-def _is_series(folder: str) -> bool:
-    """Whether a folder holds the slices of a DICOM series, which are one input."""
+def _is_wanted(name: str, endings: Sequence[str]) -> bool:
+    """Whether a file of a folder is an input; models, which an earlier run wrote there, are none."""
+    return not name.startswith(".") and name.endswith(tuple(endings)) and not name.endswith(".tsp.npz")
+
+
+def _is_series(folder: str, endings: Sequence[str]) -> bool:
+    """Whether a folder holds the slices of a DICOM series, which are one input of commands that read them."""
+    if ".dcm" not in endings:
+        return False
     from segment.picture import holds_dicom
 
-    return holds_dicom(Path(folder))
+    try:
+        return holds_dicom(Path(folder))
+    except OSError:  # a file that cannot be read is told when it is
+        return False
 
 
 def read_stdin() -> bytes:

@@ -23,23 +23,29 @@ class Measured:
     """In pixels."""
     scaled: Sequence[ObjectMeasures] | None
     """In the unit of the spacing, if one is known."""
+    pitch: tuple[float, ...]
+    """Sides of a pixel, 1 where they are not known."""
+    unit: str
+    """Of the spacing; empty if it has none."""
     quality: Quality
     planar: bool
     coefficients: int
     steps: int
 
     @classmethod
-    def of(cls, result: Any, image: Any) -> Measured:
-        """Measure what was found."""
+    def of(cls, result: Any, image: Any, spacing: Sequence[float] | None = None, unit: str = "") -> Measured:
+        """Measure what was found, also in the unit of `spacing`: that of the image, or else that of the result."""
         from segment.measures import contour_quality, object_measures
         from segment.outline import outline_of, spacing_of
 
         outline = outline_of(result)
-        spacing = spacing_of(result)
-        known = any(side != 1.0 for side in spacing)
+        pitch = spacing_of(result) if spacing is None else tuple(spacing)
+        known = spacing is not None or any(side != 1.0 for side in pitch)
         return cls(
             object_measures(result, image, outline=outline),
-            object_measures(result, image, spacing, outline=outline) if known else None,
+            object_measures(result, image, pitch, outline=outline) if known else None,
+            pitch,
+            unit if known else "",
             contour_quality(result, image, outline=outline),
             result.mask.ndim == 2,
             int(result.field.num_coefficients),
@@ -59,6 +65,7 @@ class Measured:
                 row.update(_totals(found, self.names, unit))
         return {
             **row,
+            "unit": self.unit,
             "mean_uncertainty_px": self.quality.mean_uncertainty,
             "max_uncertainty_px": self.quality.max_uncertainty,
             "edge_share": self.quality.edge_share,
@@ -91,7 +98,8 @@ class Measured:
             "measured_on": ("contour" if self.planar else "surface") if one.exact else "pixels",
         }
         if scaled is not None:
-            row |= {size: scaled.size, boundary: scaled.boundary, "equivalent_diameter": scaled.equivalent_diameter}
+            row |= {size: scaled.size, boundary: scaled.boundary, "unit": self.unit}
+            row["equivalent_diameter"] = scaled.equivalent_diameter
         return row
 
 

@@ -21,7 +21,11 @@ _ASTRAY = 0.005
 
 def plates_of(item: Input, image: Any, result: Any, recorder: Recorder | None, measured: Measured) -> list[Plate]:
     """Pictures of an image with its contours, or of a volume with the outlines of its mask."""
-    return [_planar(item, image, result, recorder, measured)] if measured.planar else _cuts(item, image, result)
+    channels = image.shape[-1] if image.ndim > result.mask.ndim else 1
+    shown = image if channels in (1, 3) else image[..., 0]  # of channels that are no colours, the first
+    if measured.planar:
+        return [_planar(item, shown, result, recorder, measured)]
+    return _cuts(item, shown, result, measured)
 
 
 def _planar(item: Input, image: Any, result: Any, recorder: Recorder | None, measured: Measured) -> Plate:
@@ -35,22 +39,20 @@ def _planar(item: Input, image: Any, result: Any, recorder: Recorder | None, mea
     shots = [] if recorder is None else recorder.snapshots()
     frames = [Frame(f"step {shot.nit}, {shot.phase}", shot.polylines) for shot in shots]
     mesh = getattr(result.field, "mesh", None)
-    pitch = spacing_of(result)
-    cells = None if mesh is None else np.asarray(mesh.cells) / np.asarray(pitch)
+    cells = None if mesh is None else np.asarray(mesh.cells) / np.asarray(spacing_of(result))
     about = f"{item.name} with the contours of {objects}"
     marks = [(str(one.label), (one.centroid[0], one.centroid[1])) for one in measured.objects[:_MAX_MARKS]]
-    sides = (pitch[0], pitch[1])
+    sides = (measured.pitch[0], measured.pitch[1])
     return Plate(image, about, result.contours, result.contour_uncertainty, cells, frames, marks, sides)
 
 
-def _cuts(item: Input, image: Any, result: Any) -> list[Plate]:
+def _cuts(item: Input, image: Any, result: Any, measured: Measured) -> list[Plate]:
     """The slice along each axis in which most is object."""
     import numpy as np
 
-    from segment.outline import spacing_of
     from tspline.figure.page import Plate
 
-    pitch = spacing_of(result)
+    pitch = measured.pitch
     plates = []
     for axis, name in enumerate(("plane", "row", "column")):
         inside = np.count_nonzero(result.mask, axis=tuple(k for k in range(3) if k != axis))

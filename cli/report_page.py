@@ -25,7 +25,7 @@ _MAX_ROWS = 500
 """Objects listed of an image."""
 _STATES = {DONE: ("done", "converged"), NOT_CONVERGED: ("partly", "not converged")}
 _SAMPLES = {2: "pixels", 3: "voxels"}
-_OUTPUTS = ("mask", "labels", "contour", "model", "figure", "animation", "table", "objects", "report")
+_OUTPUTS = ("mask", "labels", "contour", "mesh", "model", "figure", "animation", "table", "objects", "report")
 _NO_SETTINGS = ("inputs", "force", "json", "quiet", "verbose", "jobs", "scheduler", "recursive", *_OUTPUTS)
 """Options that change nothing in the results."""
 
@@ -91,7 +91,7 @@ class Report:
         given = {
             name.replace("_", "-"): value
             for name, value in sorted(vars(self._options).items())
-            if name not in _NO_SETTINGS and value not in (None, [], False)
+            if name not in _NO_SETTINGS and value is not None and value is not False and value != []
         }
         told = {"settings": ", ".join(f"{name} {_words(value)}" for name, value in given.items()), **_versions()}
         return "<dl>" + "".join(f"<dt>{name}</dt><dd>{escape(text)}</dd>" for name, text in told.items()) + "</dl>"
@@ -124,14 +124,15 @@ def _measures(measured: Measured) -> str:
     size, boundary = measured.names
     power = "²" if measured.planar else "³"
     edge = "px" if measured.planar else "px²"
+    unit = escape(measured.unit or "units")
     told = [
         ("objects", str(row["objects"]), ""),
         (f"{size}, total", _number(row[f"{size}_total_px"], 6), f"px{power}"),
         (f"{size}, mean", _number(row[f"{size}_mean_px"], 5), f"px{power}"),
         (f"{size}, median", _number(row[f"{size}_median_px"], 5), f"px{power}"),
         (f"{boundary}, total", _number(row[f"{boundary}_total_px"], 6), edge),
-        (f"{size}, total", _number(row.get(f"{size}_total"), 6), f"units{power}"),
-        (f"{boundary}, total", _number(row.get(f"{boundary}_total"), 6), "units" if measured.planar else "units²"),
+        (f"{size}, total", _number(row.get(f"{size}_total"), 6), f"{unit}{power}"),
+        (f"{boundary}, total", _number(row.get(f"{boundary}_total"), 6), unit if measured.planar else f"{unit}²"),
         ("uncertainty, mean", _number(row["mean_uncertainty_px"], 2), "px"),
         ("uncertainty, largest", _number(row["max_uncertainty_px"], 2), "px"),
         ("contour on edges", _number(100 * row["edge_share"], 4), "%"),

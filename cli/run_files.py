@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -44,13 +44,19 @@ def parts_of(
     result: Any,
     recorder: Recorder | None,
     outcome: Outcome,
+    *,
+    spacing: Sequence[float] | None = None,
+    unit: str = "",
 ) -> dict[str, Any]:
-    """What the files of the run take of one image; nothing is measured that is not wanted."""
+    """What the files of the run take of one image; nothing is measured that is not wanted.
+
+    `spacing` and its unit are those of the image's file, where it tells them.
+    """
     if not wanted:
         return {}
     from cli.measured import Measured
 
-    measured = Measured.of(result, image)
+    measured = Measured.of(result, image, spacing, unit)
     parts: dict[str, Any] = {"table": measured.image_row(), "objects": measured.object_rows()}
     if "report" in wanted:
         from cli.report_page import section_of

@@ -26,14 +26,17 @@ _SIZES = tuple(
 IMAGE_COLUMNS = (
     *("file", "status", "message", "seconds", "objects"),
     *_SIZES,
+    "unit",
     *("mean_uncertainty_px", "max_uncertainty_px", "edge_share", "cut_by_border", "border_share", "contrast"),
     *("coefficients", "steps"),
 )
-"""Columns of `--table`: `_px` is in pixels (voxels), the same without it in the unit of the spacing, if that is known.
+"""Columns of `--table`: `_px` is in pixels (voxels), the same without it in the unit of the spacing, if that is known;
+`unit` tells its name.
 Areas are of images, volumes of volumes; what does not apply is left empty."""
 _AXES = ("plane", "row", "col")
 OBJECT_COLUMNS = (
     *("file", "label", "area_px", "perimeter_px", "area", "perimeter", "volume_px", "surface_px", "volume", "surface"),
+    "unit",
     *(f"centroid_{axis}" for axis in _AXES),
     *(f"box_{axis}{end}" for end in (0, 1) for axis in _AXES),
     *("equivalent_diameter_px", "equivalent_diameter", "circularity", "sphericity"),

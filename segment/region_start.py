@@ -7,14 +7,17 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from skimage.filters import threshold_otsu
 
 from segment.pyramid import PyramidLevel
 from segment.raster import depth
-from segment.regions import RegionModel, region_model
+from segment.regions import DensityRegions, RegionModel, region_model
 from segment.regions.contrast import length_weights
 from segment.regions.labelling import BOUND, TOLERANCE, bounded, labelled
+from segment.regions.mixture import Mixture
+from segment.regions.pixels import Pixels
 from segment.start import Start
+from segment.threshold import otsu
+from segment.uneven import uneven_inside
 from tspline import _core
 
 __all__ = ["RegionStart"]
@@ -27,11 +30,12 @@ FINE_SIDE = 720
 BAND = 6.0
 #: Weight of length, nats a pixel, and how it falls on edges. Textured regions have evidence that hangs together over
 #: many pixels and counts them all: long lengths make up for it. Where nothing is known small objects count.
-TEXTURED, PLAIN = (60.0, 3.0), (1.5, 1.0)
-#: Axes of the ellipse in a box, in which the colours of its object are first looked for.
-ELLIPSE = 0.8
-#: Width in pixels of the coarsest level by which a region that grows may leak.
-NECK = 7
+TEXTURED, PLAIN = (60.0, 3.0), (8.0, 1.0)
+#: Axes of the ellipses in a box, in which the colours of its object are first looked for: the better of two labellings,
+#: as statistics and labels in turn end in the nearest local optimum.
+ELLIPSES = (0.7, 0.9)
+#: Width by which a region that grows may not leak, part of the root of its start's area; in pixels at least and at most.
+NECK, NECKS = 1 / 6, (3, 11)
 #: Radius of the disc about a seed, part of the shorter side.
 SEED_RADIUS = 1 / 32
 #: Objects smaller than that, pixels of their level, are noise.
@@ -40,10 +44,28 @@ LEAST_AREA = 6
 
 @dataclass(frozen=True)
 class Found:
-    """A start: the inside at a level, and what found it."""
+    """A start.
+
+    Attributes
+    ----------
+    inside : ndarray of bool
+        The objects, at `level`.
+    level : PyramidLevel
+        Where they were found.
+    evidence : ndarray of float32 or None
+        log p_in - log p_out there.
+    """
 
     inside: BoolArray
     level: PyramidLevel
+    evidence: NDArray[np.float32] | None = None
+
+    def told(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The evidence at points (k, 2) of the full image, that of the nearest pixel."""
+        assert self.evidence is not None
+        place = np.rint(self.level.from_full(points)).astype(np.int64)
+        row, column = np.clip(place, 0, np.array(self.evidence.shape) - 1).T
+        return self.evidence[row, column].astype(np.float64)
 
 
 class RegionStart:
@@ -66,19 +88,27 @@ class RegionStart:
         """The inside, at the finest level that was labelled."""
         coarse = self.levels[-1]
         fine = next(level for level in self.levels if max(level.shape) <= FINE_SIDE or level is coarse)
-        case = _Case.of(coarse, self.start, self.statistics)
-        if case.statistics == "local":
+        if self.statistics == "local" and not self.start.has_place:
             # Thin things are lost on a coarse level, and light that is uneven is what hides them.
-            case, coarse = _Case.of(fine, self.start, self.statistics), fine
-        model = region_model(case.statistics, coarse.channels, coarse.noise)
+            return Found(uneven_inside(fine, self.start), fine)
+        case = _Case.of(coarse, self.start, self.statistics)
         weights = length_weights(coarse.channels, *case.length)
-        result = labelled(model, weights, case.begin, case.known, case.domain)
-        inside = case.cleaned(result.inside)
+        inside, least, evidence = np.zeros(coarse.shape, bool), np.inf, None
+        for begin in case.begins:
+            model = region_model(case.statistics, coarse.channels, coarse.noise)
+            result = labelled(model, weights, begin, case.known, case.domain, kept=case.cleaned)
+            if not result.inside.any() or result.inside.all():
+                continue
+            energy = result.length / weights.size
+            if isinstance(model, DensityRegions):
+                energy += model.cost(result.inside)
+            if energy < least:
+                inside, least, evidence = result.inside, energy, result.evidence
         if inside.any() and fine is not coarse:
-            inside = self._refined(inside, coarse, fine, case)
-        return Found(inside, fine)
+            return self._refined(inside, coarse, fine, case)
+        return Found(inside, coarse, evidence)
 
-    def _refined(self, inside: BoolArray, coarse: PyramidLevel, fine: PyramidLevel, case: _Case) -> BoolArray:
+    def _refined(self, inside: BoolArray, coarse: PyramidLevel, fine: PyramidLevel, case: _Case) -> Found:
         """The same labelling on a finer level, in a band about the border of the coarse one."""
         factor = coarse.scale // fine.scale
         size = (coarse.shape[1] * factor, coarse.shape[0] * factor)
@@ -97,10 +127,11 @@ class RegionStart:
         model = region_model(case.statistics, fine.channels, fine.noise)
         domain = None if case.domain is None else enlarged(case.domain.astype(np.float32)) > 0.5
         _estimate(model, start, domain)
-        evidence = bounded(model.evidence(), known)
+        free = model.evidence()
+        evidence = bounded(free, known)
         weights = length_weights(fine.channels, *case.length)
         share, _, _ = _core.relaxed_regions(evidence, weights, [1.0, 1.0], tolerance=TOLERANCE)
-        return np.asarray(share > 0.5)
+        return Found(share > 0.5, fine, bounded(free, given))
 
 
 def _estimate(model: RegionModel, inside: BoolArray, domain: BoolArray | None) -> None:
@@ -113,8 +144,8 @@ class _Case:
 
     Attributes
     ----------
-    begin : ndarray of bool
-        First inside.
+    begins : tuple of ndarray of bool
+        First insides: the labelling of least energy counts.
     known : ndarray of int8 or None
         1 where the object is for sure, -1 where it is not.
     domain : ndarray of bool or None
@@ -126,7 +157,7 @@ class _Case:
         Where the object must hang together with, if it grows.
     """
 
-    begin: BoolArray
+    begins: tuple[BoolArray, ...]
     known: NDArray[np.int8] | None
     domain: BoolArray | None
     statistics: str
@@ -141,7 +172,10 @@ class _Case:
         if start.boxed:
             assert region is not None
             chosen = "mixture" if statistics == "auto" else statistics
-            return cls(_ellipse(region), known, domain, chosen, TEXTURED)
+            if chosen not in ("mixture", "gaussian"):
+                return cls((_ellipse(region, sum(ELLIPSES) / len(ELLIPSES)),), known, domain, chosen, TEXTURED)
+            ellipses = tuple(_ellipse(region, axis) for axis in ELLIPSES)
+            return cls((*ellipses, _unlike(level, region, domain)), known, domain, chosen, TEXTURED)
         if region is None and start.strokes is not None:
             region = start.shrunk_strokes(shape) > 0
         if region is None and start.seeds is not None:
@@ -171,13 +205,13 @@ class _Case:
             chosen = "gaussian" if statistics == "auto" else statistics
             seeded = np.zeros(level.shape, np.int8) if known is None else known.copy()
             seeded[region] = 1
-            return cls(region, seeded, domain, chosen, (2.0, PLAIN[1]), region)
+            return cls((region,), seeded, domain, chosen, (2.0, PLAIN[1]), region)
         chosen = "mixture" if statistics == "auto" else statistics
         if float(evidence[within].mean()) < 0.5:
             closed = np.zeros(level.shape, np.int8) if known is None else known.copy()
             closed[~region] = -1
-            return cls(region, closed, domain, chosen, TEXTURED)
-        return cls(region, known, domain, chosen, TEXTURED)
+            return cls((region, _unlike(level, region, domain)), closed, domain, chosen, TEXTURED)
+        return cls((region,), known, domain, chosen, TEXTURED)
 
     @classmethod
     def _of_nothing(
@@ -186,23 +220,25 @@ class _Case:
         """From two classes of brightness; what meets the image's border less is the object."""
         values = _principal(level.channels, domain)
         inner = values if domain is None else values[domain]
-        bright = values > threshold_otsu(inner)
+        bright = values > otsu(inner)
         edge = np.zeros(level.shape, bool)
         edge[[0, -1]] = edge[:, [0, -1]] = True
         inside = bright if float(bright[edge].mean()) <= 0.5 else ~bright
         if domain is not None:
             inside &= domain
-        return cls(inside, known, domain, "means" if statistics == "auto" else statistics, PLAIN)
+        chosen = ("means" if level.channels.shape[-1] == 1 else "mixture") if statistics == "auto" else statistics
+        return cls((inside,), known, domain, chosen, PLAIN)
 
     def cleaned(self, inside: BoolArray) -> BoolArray:
         """Without specks; of a region that grew, what hangs together with its start by more than a neck."""
         if self.grown_from is None:
-            count, pieces, stats, _ = cv2.connectedComponentsWithStats(inside.astype(np.uint8), connectivity=4)
+            _, pieces, stats, _ = cv2.connectedComponentsWithStats(inside.astype(np.uint8), connectivity=4)
             keep = stats[:, cv2.CC_STAT_AREA] >= LEAST_AREA
             keep[0] = False
             kept: BoolArray = keep[pieces]
             return kept
-        disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (NECK, NECK))
+        width = int(np.clip(round(NECK * float(np.sqrt(self.grown_from.sum()))), *NECKS)) | 1
+        disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (width, width))
         opened = cv2.morphologyEx(inside.astype(np.uint8), cv2.MORPH_OPEN, disc)
         opened[self.grown_from] = 1
         _, pieces = cv2.connectedComponents(opened, connectivity=4)
@@ -212,16 +248,29 @@ class _Case:
         grown = cv2.dilate(core.astype(np.uint8), disc).astype(bool) & inside
         _, holes = cv2.connectedComponents((~grown).astype(np.uint8), connectivity=4)
         rim = np.unique(np.concatenate([holes[0], holes[-1], holes[:, 0], holes[:, -1]]))
-        return grown | ~np.isin(holes, rim)
+        whole: BoolArray = grown | ~np.isin(holes, rim)
+        return whole
 
 
-def _ellipse(box: BoolArray) -> BoolArray:
+def _ellipse(box: BoolArray, axis: float) -> BoolArray:
     rows, columns = np.flatnonzero(box.any(axis=1)), np.flatnonzero(box.any(axis=0))
     centre = 0.5 * np.array([rows[0] + rows[-1], columns[0] + columns[-1]])
-    half = 0.5 * ELLIPSE * np.array([rows[-1] - rows[0] + 1, columns[-1] - columns[0] + 1])
+    half = 0.5 * axis * np.array([rows[-1] - rows[0] + 1, columns[-1] - columns[0] + 1])
     row, column = np.ogrid[: box.shape[0], : box.shape[1]]
     inside: BoolArray = ((row - centre[0]) / half[0]) ** 2 + ((column - centre[1]) / half[1]) ** 2 <= 1
     return inside if inside.any() else box
+
+
+def _unlike(level: PyramidLevel, region: BoolArray, domain: BoolArray | None) -> BoolArray:
+    """What looks least like the outside of a region, within it."""
+    pixels = Pixels(level.channels, level.noise)
+    around = ~region if domain is None else ~region & domain
+    values = pixels.of(around)
+    if len(values) == 0:
+        return region
+    likeness = Mixture.of(values, pixels.floor).log_density(pixels.values).reshape(level.shape)
+    bounded = np.maximum(likeness, float(np.quantile(likeness[around], 0.01)) - 2 * BOUND)
+    return region & (bounded < otsu(bounded[region]))
 
 
 def _discs(level: PyramidLevel, seeds: NDArray[np.float64]) -> BoolArray:

@@ -69,11 +69,12 @@ class SegmentResult:
         The level sets that the contours are zero sets of: `field` alone, or with `separate` a few (two to four), in
         each of which no two objects touch.
     classes : ndarray of int32, shape (rows, cols), or None
-        With `phases`: class of each pixel, 0 (the darkest) to phases - 1, that of the least field; a pixel is of the
-        background's class exactly where `mask` is False. None otherwise.
+        With `phases`: class of each pixel, 0 (the darkest) to phases - 1: the number of the least of `phases` there.
+        None otherwise.
     background : int or None
         With `phases`: the class that is background, that of most of the image's border (or of the border of the
-        region of interest). `mask`, `labels`, `contours` and `field` tell of all other classes together.
+        region of interest). `mask`, `labels`, `contours` and `field` tell of all other classes together; `mask` differs
+        from `classes != background` at most at single pixels, mostly where three classes meet.
     phases : list of TSpline
         With `phases`: a level set a class, darkest first, f < 0 in it.
     phase_contours : list of list of ndarray, shape (m, 2)

@@ -27,6 +27,7 @@ from segment.regions import STATISTICS
 from segment.result import SegmentResult
 from segment.start import Start, chamber_start
 from segment.touching import Separation
+from segment.uneven import field_of_view
 from segment.volume import VolumeOptions, is_volume, segment_volume
 from tspline import TMesh, TSpline
 from tspline.errors import require
@@ -189,6 +190,8 @@ class _Run:
     ) -> None:
         self.levels: list[PyramidLevel] = pyramid(data)
         self.model, self.statistics = model, statistics
+        #: What regions say at points, if they were asked.
+        self.evidence: Callable[[FloatArray], FloatArray] | None = None
         #: Level on which the topology was found.
         self.base = self.levels[-1]
         self.start, self.max_depth, self.callback = start, max_depth, callback
@@ -210,10 +213,14 @@ class _Run:
         if self.start.kind in ("circle", "box"):
             self._evolve(edges)
             return
+        if self.model == "auto" and not self.start.has_place and field_of_view(self.levels[-1]) is not None:
+            # The strongest edge is the frame's, and inside it light is uneven.
+            self.model, self.statistics = "regions", "local"
         inside = chamber_start(edges, self.start) if self.model != "regions" else None
         if inside is None or (self.model == "auto" and not self._by_edges(edges, inside)):
             found = RegionStart(self.levels, self.start, self.statistics).find()
             inside, self.base = self.start.heeded(found.inside, found.level), found.level
+            self.evidence = None if found.evidence is None else found.told
         if not inside.any():
             self.status = 2
         field = mask_field(inside, self.scale)
@@ -282,7 +289,7 @@ class _Run:
         """The place, from the coarsest level to the full image."""
         if self.status in (2, 3):
             return
-        fit = ContourFit(self.frame, self.spline, self._told, self.max_depth or 14)
+        fit = ContourFit(self.frame, self.spline, self._told, self.max_depth or 14, self.evidence)
         for k, level in enumerate(reversed(self.levels[: self.base.index + 1])):
             if self.status == 3:
                 break

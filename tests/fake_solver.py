@@ -142,5 +142,5 @@ def segment_image(image: Any, *, callback: Any = None, status: int = 0, **option
         contour_flags=[np.zeros(len(c), dtype=bool) for c in contours], spline=spline, field=spline,
         contour_uncertainty=[np.geomspace(0.01, 1.0, len(c)) for c in contours],
         success=status == 0, status=status, message="fake", nit=12, history=[], num_components=2,
-        warnings=[], options=options, classes=None,
+        warnings=[], options=options, classes=None, contour_labels=[1, 2],
     )  # fmt: skip

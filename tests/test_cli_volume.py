@@ -38,7 +38,8 @@ def found_ball(image: Any, *, spacing: Any = None, callback: Any = None, **optio
     half = 1.3 * RADIUS * sides.max()
     mesh = TMesh.uniform(np.stack([CENTER * sides - half, CENTER * sides + half]), 3)
     # a quadratic is in the spline space: the zero set is the ellipsoid to rounding
-    field = TSpline.fit(mesh, lambda x: np.sum((x / sides - CENTER) ** 2, axis=1) - RADIUS**2)
+    fitted = TSpline.fit(mesh, lambda x: np.sum((x / sides - CENTER) ** 2, axis=1) - RADIUS**2)
+    field = TSpline(mesh, fitted.coefficients, {"spacing": sides.tolist()})
     return SimpleNamespace(
         mask=mask, labels=mask.astype(np.int32), contours=[], contour_flags=[], field=field, spline=field, success=True,
         status=0, message="fake", nit=1, history=[], num_components=1, warnings=[], to_mesh=field.to_mesh,

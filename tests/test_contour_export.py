@@ -220,3 +220,15 @@ def test_a_full_disk_is_an_error_with_the_final_name() -> None:
     ):
         temporary.write_bytes(b"x" * 10_000)
     assert caught.value.filename == "/dev/full"
+
+
+def test_objects_that_touch_are_features_of_their_own(tmp_path: Path) -> None:
+    """Their common side lies on both; each keeps its hole and its number."""
+    left = np.array([[0.0, 0.0], [0.0, 4.0], [8.0, 4.0], [8.0, 0.0]])
+    hole = np.array([[1.0, 1.0], [2.0, 1.0], [2.0, 2.0]])
+    right = np.array([[2.0, 4.0], [2.0, 7.0], [6.0, 7.0], [6.0, 4.0]])
+    path = tmp_path / "c.geojson"
+    write_contours(path, [left, hole, right], ContourFrame.of_image((12, 12)), labels=[3, 3, 7])
+    features = json.loads(path.read_text())["features"]
+    assert [feature["properties"]["label"] for feature in features] == [3, 7]
+    assert [len(feature["geometry"]["coordinates"]) for feature in features] == [2, 1]

@@ -1,5 +1,6 @@
 """Region statistics: how the two sides of a contour look, and what each pixel says for either."""
 
+from segment.regions.density import DensityRegions
 from segment.regions.gaussian import GaussianRegions
 from segment.regions.histogram import HistogramRegions
 from segment.regions.local import LocalRegions
@@ -10,6 +11,7 @@ from segment.regions.speed import RegionSpeed
 
 __all__ = [
     "STATISTICS",
+    "DensityRegions",
     "GaussianRegions",
     "HistogramRegions",
     "LocalRegions",

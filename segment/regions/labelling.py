@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +21,7 @@ BOUND = 8.0
 #: What is known counts that many times as much.
 KNOWN = 3.0
 #: Accuracy of the convex problem, relative to what it can gain.
-TOLERANCE = 1e-3
+TOLERANCE = 1e-2
 
 
 @dataclass(frozen=True)
@@ -37,12 +38,15 @@ class Labelling:
         log p_in - log p_out, bounded, with what is known.
     rounds : int
         Estimates of the statistics.
+    length : float
+        Weighted length of the contour, sum weights |grad u|, nats.
     """
 
     inside: BoolArray
     share: Float32Array
     evidence: Float32Array
     rounds: int
+    length: float
 
 
 def bounded(evidence: Float32Array, known: NDArray[np.int8] | None) -> Float32Array:
@@ -61,6 +65,7 @@ def labelled(
     domain: BoolArray | None = None,
     *,
     rounds: int = 6,
+    kept: Callable[[BoolArray], BoolArray] | None = None,
 ) -> Labelling:
     """Estimate both sides, find the best labelling for them, and so on until it rests.
 
@@ -78,6 +83,8 @@ def labelled(
         Pixels that the statistics are made of; all by default.
     rounds : int
         Estimates at most.
+    kept : callable, optional
+        The part of a labelling that is taken for the object.
 
     Notes
     -----
@@ -88,14 +95,24 @@ def labelled(
     inside, spacing = start, [1.0] * start.ndim
     share = start.astype(np.float32)
     evidence = np.zeros(start.shape, np.float32)
-    for count in range(1, rounds + 1):
+    count = 0
+    while count < rounds:
+        count += 1
         outside = ~inside if domain is None else ~inside & domain
         model.update(inside if domain is None else inside & domain, outside)
         evidence = bounded(model.evidence(), known)
         share, _, _ = _core.relaxed_regions(evidence, weights, spacing, tolerance=TOLERANCE)
-        now = share > 0.5
+        now = share > 0.5 if kept is None else kept(share > 0.5)
         changed = int(np.count_nonzero(now != inside))
         inside = now
         if changed <= 1e-4 * inside.size or not inside.any() or inside.all():
             break
-    return Labelling(inside, share, evidence, count)
+    return Labelling(inside, share, evidence, count, _length(share, weights))
+
+
+def _length(share: Float32Array, weights: Float32Array) -> float:
+    squared = np.zeros(share.shape, np.float32)
+    for axis in range(share.ndim):
+        here = tuple(slice(0, -1) if k == axis else slice(None) for k in range(share.ndim))
+        squared[here] += np.diff(share, axis=axis) ** 2
+    return float((weights * np.sqrt(squared)).sum(dtype=np.float64))

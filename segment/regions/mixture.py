@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from segment.regions.gaussian import Normal, log_density
-from segment.regions.pixels import Pixels
+from segment.regions.density import Density, DensityRegions
+from segment.regions.normal import Normal, log_density
 
 __all__ = ["Mixture", "MixtureRegions"]
 
-#: Normal distributions a side, and rounds of expectation and maximisation an update.
+#: Normal distributions a side, and rounds of expectation and maximisation: the first time, and from the last mixture.
 COMPONENTS = 5
-ROUNDS = 6
+ROUNDS, FURTHER = 5, 1
 #: A component needs this many samples for each of its channels.
 LEAST_SAMPLES = 8
 
@@ -41,11 +41,11 @@ class Mixture:
         most = int(np.clip(count // (LEAST_SAMPLES * channels), 1, COMPONENTS))
         if start is None or len(start.parts) > most:
             labels = _split(values, most)
-            weights = np.eye(int(labels.max()) + 1)[labels]
+            weights, rounds = np.eye(int(labels.max()) + 1)[labels], ROUNDS
         else:
-            weights = start.responsibilities(values)
+            weights, rounds = start.responsibilities(values), FURTHER
         mixture = cls._maximised(values, weights, floor)
-        for _ in range(ROUNDS):
+        for _ in range(rounds - 1):
             mixture = cls._maximised(values, mixture.responsibilities(values), floor)
         return mixture
 
@@ -68,9 +68,9 @@ class Mixture:
         """Share of each part at rows (n, c), shape (n, k)."""
         logs = self._logs(values.astype(np.float32)).astype(np.float64)
         logs -= logs.max(axis=1, keepdims=True)
-        weights = np.exp(logs)
-        shares: NDArray[np.float64] = weights / weights.sum(axis=1, keepdims=True)
-        return shares
+        np.exp(logs, out=logs)
+        logs /= logs.sum(axis=1, keepdims=True)
+        return logs
 
     def log_density(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
         """log p at rows (n, c), shape (n,)."""
@@ -83,39 +83,16 @@ class Mixture:
         )
 
 
-class MixtureRegions:
+class MixtureRegions(DensityRegions):
     """Each side a mixture of normal distributions, estimated anew as the contour moves.
 
     C. Rother, V. Kolmogorov and A. Blake, "GrabCut", ACM Trans. Graphics 23 (2004), 309-314,
     doi:10.1145/1015706.1015720; here with soft assignments.
-
-    Parameters
-    ----------
-    channels : ndarray of float32, shape (..., c)
-    noise : ndarray, shape (c,)
-        Deviation of the white noise.
     """
 
-    def __init__(self, channels: NDArray[np.float32], noise: NDArray[np.float64]) -> None:
-        self._pixels = Pixels(channels, noise)
-        self.inside: Mixture | None = None
-        self.outside: Mixture | None = None
-
-    def update(self, inside: NDArray[np.bool_], outside: NDArray[np.bool_]) -> None:
-        """Fit both mixtures, starting from the last ones."""
-        a, b = self._pixels.of(inside), self._pixels.of(outside)
-        if len(a) and len(b):
-            self.inside = Mixture.of(a, self._pixels.floor, self.inside)
-            self.outside = Mixture.of(b, self._pixels.floor, self.outside)
-
-    def evidence(self) -> NDArray[np.float32]:
-        """Logarithm of the ratio of the two densities; 0 before the first update."""
-        pixels = self._pixels
-        if self.inside is None or self.outside is None:
-            return np.zeros(pixels.shape, np.float32)
-        value = self.inside.log_density(pixels.values)
-        value -= self.outside.log_density(pixels.values)
-        return value.reshape(pixels.shape)
+    def estimated(self, values: NDArray[np.float64], last: Density | None) -> Density:
+        """The mixture that fits the rows best, sought from the last one."""
+        return Mixture.of(values, self._pixels.floor, last if isinstance(last, Mixture) else None)
 
 
 def _split(values: NDArray[np.float64], count: int) -> NDArray[np.int64]:

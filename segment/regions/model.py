@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -26,7 +27,7 @@ class RegionModel(Protocol):
         """log p_in - log p_out at every pixel: above 0 where it looks like the inside."""
 
 
-STATISTICS = {
+STATISTICS: dict[str, Callable[[NDArray[np.float32], NDArray[np.float64]], RegionModel]] = {
     "means": MeanRegions,
     "gaussian": GaussianRegions,
     "histogram": HistogramRegions,
@@ -37,5 +38,4 @@ STATISTICS = {
 
 def region_model(name: str, channels: NDArray[np.float32], noise: NDArray[np.float64]) -> RegionModel:
     """The statistics called `name`, for an image (..., c) with white noise of deviation (c,)."""
-    model: RegionModel = STATISTICS[name](channels, noise)
-    return model
+    return STATISTICS[name](channels, noise)

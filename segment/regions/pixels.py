@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 __all__ = ["Pixels"]
 
 #: A regular subset of about this many pixels a side fixes the statistics.
-SAMPLE = 1 << 12
+SAMPLE = 1 << 11
 #: Standard deviation that no class goes below, in units of the image's contrast: half a grey value of 8 bits.
 LEAST_DEVIATION = 2e-3
 

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, distance_transform_edt, generate_binary_structure
-from skimage.measure import label
 
 from segment.touching.object_fields import ObjectFields
 from segment.touching.parts import LEAST, half_widths, parted
-from segment.touching.valleys import valleys
+from segment.touching.valleys import bays, valleys
 from tspline import TSpline
 from tspline.grid import GridField
 
@@ -42,11 +41,14 @@ class Separation:
         """Objects of {field < 0}, which is `mask` at the pixel centres; index coordinates."""
         if not mask.any():
             return ObjectFields([field], mask.astype(np.int32), np.zeros(1, np.int64))
+        width = half_widths(mask, _beyond(field, mask))
         if self.seeds is not None:
-            return ObjectFields.of(field, parted(mask, _beyond(field, mask), None, self._markers(mask)))
-        beyond = _beyond(field, mask)
-        brightness = valleys(self.channels, mask, _typical(half_widths(mask, beyond), mask))
-        return ObjectFields.of(field, parted(mask, beyond, brightness))
+            return ObjectFields.of(field, parted(mask, width, None, self._markers(mask)))
+        typical = _typical(width, mask)
+        open_ = half_widths(mask & ~bays(self.channels, mask, width, typical))
+        # Elsewhere the contour knows the width better than its pixels.
+        width = np.where(open_ < half_widths(mask) - 0.5, np.minimum(open_, width), width)
+        return ObjectFields.of(field, parted(mask, width, valleys(self.channels, mask, typical)))
 
     def numbered(self, mask: BoolArray) -> IntArray:
         """Numbers of the objects of a mask alone, whose outline runs half-way between pixels."""
@@ -58,6 +60,8 @@ class Separation:
 
     def _markers(self, mask: BoolArray) -> IntArray:
         """The seeds on the mask; those beside it are moved to its nearest pixel."""
+        from skimage.measure import label
+
         assert self.seeds is not None
         markers = np.zeros(mask.shape, np.int32)
         if self.seeds.shape == mask.shape:
@@ -84,6 +88,8 @@ def _beyond(field: TSpline | GridField, mask: BoolArray) -> FloatArray:
 
 def _typical(width: FloatArray, mask: BoolArray) -> float:
     """Median of the connected pieces' half widths, specks left out."""
+    from skimage.measure import label
+
     pieces = label(mask, connectivity=mask.ndim)
     widest = np.zeros(int(pieces.max()) + 1)
     np.maximum.at(widest, pieces.ravel(), width.ravel())

@@ -107,6 +107,7 @@ def write_contours(
     frame: ContourFrame,
     *,
     border: Sequence[npt.ArrayLike] | None = None,
+    labels: Sequence[int] | None = None,
     ending: str | None = None,
 ) -> None:
     """Write closed contours to `path` as SVG, DXF or GeoJSON.
@@ -121,6 +122,8 @@ def write_contours(
         What the contours' two columns mean.
     border : sequence of (m,) bool arrays, optional
         True where a contour runs along the image's border: drawn with straight segments in SVG.
+    labels : sequence of int, optional
+        Number of the object that each contour bounds, told in GeoJSON; needed where objects touch.
     ending : str, optional
         Format, one of `CONTOUR_ENDINGS`; that of `path` by default.
 
@@ -140,7 +143,7 @@ def write_contours(
     elif kind == ".geojson":
         from tspline.export.geojson import geojson_text
 
-        text = geojson_text([frame.for_geojson(c) for c in curves], _meaning(frame))
+        text = geojson_text([frame.for_geojson(c) for c in curves], _meaning(frame), labels)
         Path(path).write_text(text, encoding="utf-8")
     elif kind == ".dxf":
         from tspline.export.dxf import write_dxf

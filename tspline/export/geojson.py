@@ -14,7 +14,11 @@ __all__ = ["geojson_text", "nested_polygons", "signed_area"]
 FloatArray = npt.NDArray[np.float64]
 
 
-def geojson_text(curves: Sequence[FloatArray], properties: Mapping[str, Any] | None = None) -> str:
+def geojson_text(
+    curves: Sequence[FloatArray],
+    properties: Mapping[str, Any] | None = None,
+    labels: Sequence[int] | None = None,
+) -> str:
     """Write a FeatureCollection with one Polygon an object; its holes are inner rings.
 
     Parameters
@@ -23,6 +27,9 @@ def geojson_text(curves: Sequence[FloatArray], properties: Mapping[str, Any] | N
         Closed curves x, y, not crossing one another, without a repeated end point, in any direction.
     properties : mapping, optional
         Added to each feature's properties beside its number ``label``, from 1.
+    labels : sequence of int, optional
+        Number of the object that each curve bounds. Curves of one object do not touch, those of different ones may run
+        along each other; ``label`` is then this number.
 
     Returns
     -------
@@ -41,9 +48,20 @@ def geojson_text(curves: Sequence[FloatArray], properties: Mapping[str, Any] | N
                 ],
             },
         }
-        for number, rings in enumerate(nested_polygons(curves), start=1)
+        for number, rings in _polygons(curves, labels)
     ]
     return json.dumps({"type": "FeatureCollection", "features": features}, allow_nan=False) + "\n"
+
+
+def _polygons(curves: Sequence[FloatArray], labels: Sequence[int] | None) -> list[tuple[int, list[int]]]:
+    """Numbers and rings of the polygons."""
+    if labels is None:
+        return list(enumerate(nested_polygons(curves), start=1))
+    found = []
+    for label in dict.fromkeys(labels):
+        own = [index for index, other in enumerate(labels) if other == label]
+        found += [(label, [own[k] for k in rings]) for rings in nested_polygons([curves[index] for index in own])]
+    return found
 
 
 def signed_area(curve: FloatArray) -> float:

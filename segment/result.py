@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from dataclasses import field as dataclass_field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +16,18 @@ from tspline.field import LevelSet
 from tspline.grid import GridField, spline_of
 from tspline.sparse_field import MarchRecord
 
+if TYPE_CHECKING:
+    import trimesh
+
 __all__ = ["SegmentResult"]
 
 
 @dataclass(frozen=True)
 class SegmentResult:
-    """Objects of an image, in the manner of scipy's OptimizeResult.
+    """Objects of an image or a volume, in the manner of scipy's OptimizeResult.
+
+    In volumes, arrays are of the shape (planes, rows, cols), lengths in the caller's units; there are no contours: the
+    surface is what `to_mesh` returns. `phases` are then fields on the grid.
 
     Attributes
     ----------
@@ -102,3 +109,7 @@ class SegmentResult:
             return self.field
         assert isinstance(self.field, GridField)
         return spline_of(self.field)
+
+    def to_mesh(self, tolerance: float | None = None) -> trimesh.Trimesh:
+        """The closed surface of a volume's objects, caller's units; see `tspline.field.LevelSet.to_mesh`."""
+        return self.field.to_mesh(tolerance)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -28,6 +28,7 @@ from segment.result import SegmentResult
 from segment.start import Start, chamber_start
 from segment.touching import Separation
 from segment.uneven import field_of_view
+from segment.volume import VolumeOptions, is_volume, segment_volume
 from tspline import TMesh, TSpline
 from tspline.errors import require
 from tspline.evolve import Evolution, EvolutionStep, EvolveOptions, StepRecord
@@ -48,7 +49,7 @@ def segment_image(
     image: ArrayLike,
     model: str = "auto",
     channel_axis: int | None = None,
-    spacing: float | None = None,
+    spacing: float | Sequence[float] | None = None,
     init: Any = None,
     seeds: ArrayLike | None = None,
     roi: ArrayLike | None = None,
@@ -65,14 +66,15 @@ def segment_image(
 
     Parameters
     ----------
-    image : array_like, shape (rows, cols) or (rows, cols, channels)
-        Grey or colour, any integer or floating type or bool; at least 8 pixels a side and not constant.
+    image : array_like, shape (rows, cols[, channels]) or (planes, rows, cols[, channels])
+        Grey or colour, any integer or floating type or bool; at least 8 pixels a side and not constant. A 3D array
+        whose last axis has 3 or 4 entries is a colour image unless `channel_axis` says otherwise, any other a volume.
     model : "auto" or "edges"
         The edge model (4.6); region models are not part of this release.
     channel_axis : int, optional
         Axis of the channels; by default the last one of three when it has length 3 or 4.
-    spacing : float, optional
-        Side of a pixel, the same along both axes; the spline's coordinates are `spacing` times the index.
+    spacing : float, optional; in volumes also three of them
+        Sides of a pixel, in images the same along both axes; the spline's coordinates are `spacing` times the index.
     init : optional
         Start: None or "auto" (chambers of the edge detector, coloured from the image's border), "circle" (the
         circumscribed circle, shrinking), "box" (the whole image, shrinking), a box (r0, c0, r1, c1) or a mask that
@@ -124,13 +126,17 @@ def segment_image(
         require(False, "statistics", repr(statistics), "'auto' with model='edges', which uses none")
     require(callback is None or callable(callback), "callback", repr(callback), "a callable or None")
     require(solver in ("tspline", "grid"), "solver", repr(solver), "'tspline' or 'grid'")
-    side = _checked_spacing(spacing)
     if max_depth is not None:
         ok = isinstance(max_depth, int | np.integer) and 2 <= max_depth <= 14
         require(ok, "max_depth", repr(max_depth), "an integer from 2 to 14, or None")
+    require(isinstance(separate, bool | np.bool_), "separate", repr(separate), "True or False")
+    if is_volume(image, channel_axis):
+        require(model != "edges", "model", repr(model), "'auto' or 'regions' for volumes")
+        options = VolumeOptions(statistics, phases, bool(separate), max_depth, solver, callback)
+        return segment_volume(image, channel_axis, spacing, (init, seeds, roi), options)
+    side = _checked_spacing(spacing)
     data = ImageData.from_array(image, channel_axis)
     start = Start.checked(data.shape, init, seeds, roi)
-    require(isinstance(separate, bool | np.bool_), "separate", repr(separate), "True or False")
     separation = Separation(data.channels, start.seeds) if separate else None
     if phases is not None:
         require(solver == "tspline", "solver", repr(solver), "'tspline' with phases")
@@ -158,7 +164,7 @@ def segment_image(
     return assembled(run.spline, data.shape, side, found, separation)
 
 
-def _checked_spacing(spacing: float | None) -> float:
+def _checked_spacing(spacing: float | Sequence[float] | None) -> float:
     if spacing is None:
         return 1.0
     try:

@@ -50,6 +50,14 @@ class Separation:
         width = np.where(open_ < half_widths(mask) - 0.5, np.minimum(open_, width), width)
         return ObjectFields.of(field, parted(mask, width, valleys(self.channels, mask, typical)))
 
+    def numbered(self, mask: BoolArray) -> IntArray:
+        """Numbers of the objects of a mask alone, whose outline runs half-way between pixels."""
+        if not mask.any():
+            return mask.astype(np.int32)
+        if self.seeds is not None:
+            return parted(mask, None, None, self._markers(mask))
+        return parted(mask, None, valleys(self.channels, mask, _typical(half_widths(mask, None), mask)))
+
     def _markers(self, mask: BoolArray) -> IntArray:
         """The seeds on the mask; those beside it are moved to its nearest pixel."""
         from skimage.measure import label

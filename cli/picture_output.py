@@ -28,17 +28,25 @@ def write_samples(targets: Mapping[str, Target], picture: Picture, result: Any) 
 
 
 def write_planar(targets: Mapping[str, Target], picture: Picture, result: Any) -> None:
-    """Write the contours of an image where asked for, with physical coordinates where the picture has them."""
+    """Write the contours of an image where asked for, with physical coordinates where the picture has them.
+
+    Of an image in classes those of all classes, each numbered by its class.
+    """
     if "contour" not in targets:
         return
+    from segment.edge_targets import along_border
     from tspline.export.contour_file import ContourFrame, write_contours
 
     geometry = picture.geometry
     spacing = geometry.spacing if geometry.is_physical else None
     frame = ContourFrame.of_image(picture.shape, spacing=spacing, unit=geometry.unit, place=_place(picture))
+    lines, labels, border = result.contours, result.contour_labels, result.contour_flags
+    if result.classes is not None:
+        lines = [line for found in result.phase_contours for line in found]
+        labels = [number for number, found in enumerate(result.phase_contours) for _ in found]
+        border = [along_border(line, result.classes.shape) for line in lines]
     with targets["contour"].open() as path:
-        told = {"border": result.contour_flags, "labels": result.contour_labels, "ending": targets["contour"].ending}
-        write_contours(path, result.contours, frame, **told)
+        write_contours(path, lines, frame, border=border, labels=labels, ending=targets["contour"].ending)
 
 
 def _place(picture: Picture) -> dict[str, Any]:

@@ -82,7 +82,9 @@ def build_parser() -> CommandParser:
     results = parser.add_argument_group("results")
     results.add_argument("--mask", metavar="M.png", help="the inside (.png .tif .bmp .npy .npz .nii .nii.gz .nrrd)")
     results.add_argument("--labels", metavar="L.tif", help="numbers of objects; classes with --phases (as --mask)")
-    results.add_argument("--contour", metavar="C.svg", help="closed curves (.svg .dxf .geojson)")
+    results.add_argument(
+        "--contour", metavar="C.svg", help="closed curves, with --phases all classes' (.svg .dxf .geojson)"
+    )
     results.add_argument("--mesh", metavar="M.ply", help="volumes: closed triangles (.ply .stl .obj .glb .3mf)")
     results.add_argument("--model", metavar="S.tsp.npz", help="the T-spline, or the grid's field, for tspline.load")
     results.add_argument("--figure", metavar="F.png", help="image, T-mesh, evolution and result (.png .pdf .svg)")

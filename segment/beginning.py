@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from segment.choice import edges_suffice
 from segment.edges import EdgeField
 from segment.pyramid import PyramidLevel
 from segment.region_start import Found, RegionStart
 from segment.start import Start, chamber_start
+from segment.uneven import field_of_view
 
 __all__ = ["beginning"]
 
@@ -34,5 +37,8 @@ def beginning(
         box = start.shrunk_region(coarse.shape) if start.boxed else None
         if model == "edges" or edges_suffice(edges, inside, box):
             return Found(inside, coarse)
+    if statistics == "auto" and not start.has_place and field_of_view(coarse) is not None:
+        # The strongest edge is the frame's, and inside it light is uneven.
+        statistics = "local"
     found = RegionStart(levels, start, statistics).find()
-    return Found(start.heeded(found.inside, found.level), found.level)
+    return replace(found, inside=start.heeded(found.inside, found.level))

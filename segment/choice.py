@@ -15,33 +15,36 @@ BoolArray = NDArray[np.bool_]
 #: Pixels about a contour whose walls belong to it.
 BESIDE = 4
 #: Part of the edges' energy that may lie off the contour. Inside a box drawings leave up to 7 %, photographs 9 to 90 %.
-#: Without a box nothing tells the object from its surroundings but its edges, and marks on it are tolerated.
-LIMIT_BOXED, LIMIT_FREE = 0.08, 0.2
+#: Grey images without a box have little but edges to tell the object by, and marks on it are tolerated.
+LIMIT, LIMIT_GREY = 0.08, 0.2
 #: Least part of a box's sides that the objects in it must span.
 LEAST_SPAN = 0.7
 
 
 def unexplained(edges: EdgeField, inside: BoolArray, within: BoolArray | None) -> float:
-    """Part of the walls' squared gradient that is not beside the border of `inside`; 1 where there is no border."""
+    """Part of the walls' squared gradient that is not beside the border of `inside`; 0 without walls."""
     walls = edges.wall if within is None else edges.wall & within
     energy = np.where(walls, edges.magnitude, 0.0).astype(np.float64) ** 2
     total = float(energy.sum())
     mask = inside.astype(np.uint8)
     border = cv2.morphologyEx(mask, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
-    if total <= 0 or not border.any():
-        return 1.0
+    if total <= 0:
+        return 0.0
     near = cv2.dilate(border, np.ones((2 * BESIDE - 1, 2 * BESIDE - 1), np.uint8)) > 0
     return float(energy[~near].sum()) / total
 
 
 def edges_suffice(edges: EdgeField, inside: BoolArray, box: BoolArray | None) -> bool:
-    """Whether the contour that the edges give is what the edges of the image are about."""
+    """Whether the contour that the edges give is what the edges of the image are about; there may be none of either."""
+    if not (edges.wall if box is None else edges.wall & box).any():
+        return True
     if not inside.any():
-        return False
+        return box is None
     if box is None:
-        return unexplained(edges, inside, None) <= LIMIT_FREE
+        colour = edges.level.channels.shape[-1] > 1
+        return unexplained(edges, inside, None) <= (LIMIT if colour else LIMIT_GREY)
     for axis in (0, 1):
         found, whole = int(inside.any(axis=axis).sum()), int(box.any(axis=axis).sum())
         if found < LEAST_SPAN * whole:
             return False
-    return unexplained(edges, inside, box) <= LIMIT_BOXED
+    return unexplained(edges, inside, box) <= LIMIT

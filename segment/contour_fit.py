@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -23,8 +25,14 @@ class ContourFit:
     """Moves the zero set onto the image's edges level by level; the mesh is refined where the residual asks for it."""
 
     def __init__(
-        self, frame: ImageFrame, spline: TSpline, callback: Callback | None = None, max_depth: int = 14
+        self,
+        frame: ImageFrame,
+        spline: TSpline,
+        callback: Callback | None = None,
+        max_depth: int = 14,
+        evidence: Callable[[FloatArray], FloatArray] | None = None,
     ) -> None:
+        self.evidence = evidence
         self.frame = frame
         self.spline = spline
         self.callback = callback
@@ -70,7 +78,8 @@ class ContourFit:
         if len(samples) == 0:
             return None
         shape = self.frame.shape
-        return edge_targets(self.spline, level, reach, samples.points, samples.normals, samples.weights, shape)
+        at, normals = samples.points, samples.normals
+        return edge_targets(self.spline, level, reach, at, normals, samples.weights, shape, self.evidence)
 
     def _polish(self, level: PyramidLevel, targets: Targets, first: int) -> None:
         core = self.spline.mesh.core

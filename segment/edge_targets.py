@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,8 @@ FloatArray = NDArray[np.float64]
 HOLD = 0.05
 #: Uncertainties below that many level pixels say nothing: the edge model itself is not better.
 LEAST_UNCERTAINTY = 0.03
+#: Parts of the way to an edge where evidence is asked for; within so many level pixels the edge itself knows better.
+SWEPT, NEAR = (0.125, 0.375, 0.625, 0.875), 0.75
 #: Distance of the places along the contour, level pixels.
 APART = 0.75
 
@@ -58,6 +61,7 @@ def edge_targets(
     normals: FloatArray,
     shares: FloatArray,
     shape: tuple[int, int],
+    evidence: Callable[[FloatArray], FloatArray] | None = None,
 ) -> Targets:
     """Edge points along the normals of a contour.
 
@@ -75,6 +79,8 @@ def edge_targets(
         Length that each stands for.
     shape : tuple of int
         Rows and columns of the image.
+    evidence : callable, optional
+        log p_in - log p_out at points (k, 2): an edge that the contour would reach against it is another's.
     """
     scale = level.scale
     kept = _thinned(shares, APART * scale)
@@ -83,12 +89,25 @@ def edge_targets(
     edges = refine_along_normals(level, level.from_full(at), normals, reach, curvatures=np.nan_to_num(curvatures))
     along = along_border(at, shape)
     found = edges.found & ~along
+    if evidence is not None:
+        offsets = np.nan_to_num(edges.offsets)
+        found &= (np.abs(offsets) <= NEAR) | _borne_out(at, normals, offsets * scale, evidence)
     points = np.where(found[:, None], level.to_full(np.nan_to_num(edges.points)), at)
     uncertainty = np.where(found, edges.uncertainty, np.inf) * scale
     sure = np.maximum(edges.uncertainty, LEAST_UNCERTAINTY)
     weights = np.where(found, np.minimum((0.1 / sure) ** 2, 1.0), HOLD)
     weights[along] = 1.0
     return Targets(points, weights, uncertainty, found)
+
+
+def _borne_out(
+    at: FloatArray, normals: FloatArray, offsets: FloatArray, evidence: Callable[[FloatArray], FloatArray]
+) -> NDArray[np.bool_]:
+    """Whether what a contour sweeps on its way by `offsets` looks like the side that it comes to."""
+    swept = np.zeros(len(at))
+    for part in SWEPT:
+        swept += evidence(at + (part * offsets)[:, np.newaxis] * normals)
+    return np.asarray(np.sign(offsets) * swept >= 0)
 
 
 def along_border(points: FloatArray, shape: tuple[int, int]) -> NDArray[np.bool_]:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tspline.errors import InvalidArgumentError, require
 
-__all__ = ["ImageData", "estimate_noise"]
+__all__ = ["ImageData", "estimate_noise", "numeric_array"]
 
 MIN_SIDE = 8
 # Contrast and noise are statistics: a regular subset of about this many pixels fixes them to well below 1 %.
@@ -78,7 +78,7 @@ class ImageData:
         InvalidArgumentError
             For anything that is not such an image, holds NaN or infinity, or is constant.
         """
-        stack = _channels_last(_numeric_array(image), channel_axis)
+        stack = _channels_last(numeric_array(image), channel_axis)
         height, width = stack.shape[:2]
         require(
             min(height, width) >= MIN_SIDE,
@@ -145,14 +145,14 @@ def estimate_noise(channels: NDArray[np.float32]) -> NDArray[np.float64]:
     return np.where(deviation < 1e-6, 0.0, deviation).astype(np.float64)
 
 
-def _numeric_array(image: ArrayLike) -> NDArray[Any]:
-    """The image as an array of numbers, bools as 0 and 1."""
+def numeric_array(image: ArrayLike, accepted: str = ACCEPTED) -> NDArray[Any]:
+    """The image as an array of numbers, bools as 0 and 1; `accepted` is told where it is none."""
     try:
         array = np.asarray(image)
     except ValueError as error:
-        raise InvalidArgumentError("image", f"a ragged sequence ({error})", ACCEPTED) from error
-    require(array.dtype.kind in "biuf", "image", f"an array of dtype {array.dtype}", ACCEPTED)
-    require(array.size > 0, "image", f"an empty array of shape {array.shape}", ACCEPTED)
+        raise InvalidArgumentError("image", f"a ragged sequence ({error})", accepted) from error
+    require(array.dtype.kind in "biuf", "image", f"an array of dtype {array.dtype}", accepted)
+    require(array.size > 0, "image", f"an empty array of shape {array.shape}", accepted)
     if array.dtype.kind == "b":
         return array.astype(np.uint8)
     if array.dtype.kind == "f":
@@ -171,8 +171,7 @@ def _channels_last(array: NDArray[Any], channel_axis: int | None) -> NDArray[Any
             raise InvalidArgumentError(
                 "image",
                 f"an array of shape {array.shape}, a volume or a stack",
-                "2D, (rows, columns) or (rows, columns, 3 | 4): volumes are not supported yet; "
-                "other numbers of channels need channel_axis",
+                "2D, (rows, columns) or (rows, columns, 3 | 4); other numbers of channels need channel_axis",
             )
         channel_axis = 2
     if channel_axis is None:
@@ -188,11 +187,11 @@ def _channels_last(array: NDArray[Any], channel_axis: int | None) -> NDArray[Any
         array.ndim == 3,
         "image",
         f"an array of shape {array.shape} with channel_axis={channel_axis}",
-        "(rows, columns) and the channel axis: volumes are not supported yet",
+        "(rows, columns) and the channel axis",
     )
     stack = np.moveaxis(array, channel_axis, 2)
     count = stack.shape[2]
-    require(count <= 16, "image", f"{count} channels", "1 to 16 channels: volumes are not supported yet")
+    require(count <= 16, "image", f"{count} channels", "1 to 16 channels")
     if opacity and count == 4:
         stack = stack[:, :, :3]
     if (

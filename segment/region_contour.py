@@ -70,6 +70,13 @@ class RegionContour:
         inside: BoolArray = (field(self.speed.centres) < 0).reshape(self.level.shape)
         return inside
 
+    def told(self, points: FloatArray) -> FloatArray:
+        """The evidence of the last statistics at points (k, 2), that of the nearest pixel."""
+        place = np.rint(self.level.from_full(points)).astype(np.int64)
+        row, column = np.clip(place, 0, np.array(self.level.shape) - 1).T
+        told: FloatArray = self.speed.evidence[row, column].astype(np.float64)
+        return told
+
     def carved(self, inside: BoolArray) -> BoolArray | None:
         """The inside at the level with holes cut out and pieces left out that look like the outside; None if it stays.
 

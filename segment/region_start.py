@@ -13,7 +13,11 @@ from segment.raster import depth
 from segment.regions import DensityRegions, RegionModel, region_model
 from segment.regions.contrast import length_weights
 from segment.regions.labelling import BOUND, TOLERANCE, bounded, labelled
+from segment.regions.mixture import mixture_of
+from segment.regions.pixels import Pixels
 from segment.start import Start
+from segment.threshold import otsu
+from segment.uneven import uneven_inside
 from tspline import _core
 
 __all__ = ["RegionStart"]
@@ -26,12 +30,12 @@ FINE_SIDE = 720
 BAND = 6.0
 #: Weight of length, nats a pixel, and how it falls on edges. Textured regions have evidence that hangs together over
 #: many pixels and counts them all: long lengths make up for it. Where nothing is known small objects count.
-TEXTURED, PLAIN = (60.0, 3.0), (1.5, 1.0)
+TEXTURED, PLAIN = (60.0, 3.0), (8.0, 1.0)
 #: Axes of the ellipses in a box, in which the colours of its object are first looked for: the better of two labellings,
 #: as statistics and labels in turn end in the nearest local optimum.
 ELLIPSES = (0.7, 0.9)
-#: Width in pixels of the coarsest level by which a region that grows may leak.
-NECK = 7
+#: Width by which a region that grows may not leak, part of the root of its start's area; least and most pixels.
+NECK, NECKS = 1 / 6, (3, 11)
 #: Radius of the disc about a seed, part of the shorter side.
 SEED_RADIUS = 1 / 32
 #: Objects smaller than that, pixels of their level, are noise.
@@ -40,10 +44,29 @@ LEAST_AREA = 6
 
 @dataclass(frozen=True)
 class Found:
-    """A start: the inside at a level, and what found it."""
+    """A start.
+
+    Attributes
+    ----------
+    inside : ndarray of bool
+        The objects, at `level`.
+    level : PyramidLevel
+        Where they were found.
+    evidence : ndarray of float32 or None
+        log p_in - log p_out there.
+    """
 
     inside: BoolArray
     level: PyramidLevel
+    evidence: NDArray[np.float32] | None = None
+
+    def told(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The evidence at points (k, 2) of the full image, that of the nearest pixel."""
+        assert self.evidence is not None
+        place = np.rint(self.level.from_full(points)).astype(np.int64)
+        row, column = np.clip(place, 0, np.array(self.evidence.shape) - 1).T
+        told: NDArray[np.float64] = self.evidence[row, column].astype(np.float64)
+        return told
 
 
 class RegionStart:
@@ -66,27 +89,27 @@ class RegionStart:
         """The inside, at the finest level that was labelled."""
         coarse = self.levels[-1]
         fine = next(level for level in self.levels if max(level.shape) <= FINE_SIDE or level is coarse)
-        case = _Case.of(coarse, self.start, self.statistics)
-        if case.statistics == "local":
+        if self.statistics == "local" and not self.start.has_place:
             # Thin things are lost on a coarse level, and light that is uneven is what hides them.
-            case, coarse = _Case.of(fine, self.start, self.statistics), fine
+            return Found(uneven_inside(fine, self.start), fine)
+        case = _Case.of(coarse, self.start, self.statistics)
         weights = length_weights(coarse.channels, *case.length)
-        inside, least = np.zeros(coarse.shape, bool), np.inf
+        inside, least, evidence = np.zeros(coarse.shape, bool), np.inf, None
         for begin in case.begins:
             model = region_model(case.statistics, coarse.channels, coarse.noise)
-            result = labelled(model, weights, begin, case.known, case.domain)
+            result = labelled(model, weights, begin, case.known, case.domain, kept=case.cleaned)
             if not result.inside.any() or result.inside.all():
                 continue
             energy = result.length / weights.size
             if isinstance(model, DensityRegions):
                 energy += model.cost(result.inside)
             if energy < least:
-                inside, least = case.cleaned(result.inside), energy
+                inside, least, evidence = result.inside, energy, result.evidence
         if inside.any() and fine is not coarse:
-            inside = self._refined(inside, coarse, fine, case)
-        return Found(inside, fine)
+            return self._refined(inside, coarse, fine, case)
+        return Found(inside, coarse, evidence)
 
-    def _refined(self, inside: BoolArray, coarse: PyramidLevel, fine: PyramidLevel, case: _Case) -> BoolArray:
+    def _refined(self, inside: BoolArray, coarse: PyramidLevel, fine: PyramidLevel, case: _Case) -> Found:
         """The same labelling on a finer level, in a band about the border of the coarse one."""
         factor = coarse.scale // fine.scale
         size = (coarse.shape[1] * factor, coarse.shape[0] * factor)
@@ -105,10 +128,11 @@ class RegionStart:
         model = region_model(case.statistics, fine.channels, fine.noise)
         domain = None if case.domain is None else enlarged(case.domain.astype(np.float32)) > 0.5
         _estimate(model, start, domain)
-        evidence = bounded(model.evidence(), known)
+        free = model.evidence()
+        evidence = bounded(free, known)
         weights = length_weights(fine.channels, *case.length)
         share, _, _ = _core.relaxed_regions(evidence, weights, [1.0, 1.0], tolerance=TOLERANCE)
-        return np.asarray(share > 0.5)
+        return Found(share > 0.5, fine, bounded(free, given))
 
 
 def _estimate(model: RegionModel, inside: BoolArray, domain: BoolArray | None) -> None:
@@ -149,8 +173,10 @@ class _Case:
         if start.boxed:
             assert region is not None
             chosen = "mixture" if statistics == "auto" else statistics
-            axes = ELLIPSES if chosen in ("mixture", "gaussian") else (sum(ELLIPSES) / len(ELLIPSES),)
-            return cls(tuple(_ellipse(region, axis) for axis in axes), known, domain, chosen, TEXTURED)
+            if chosen not in ("mixture", "gaussian"):
+                return cls((_ellipse(region, sum(ELLIPSES) / len(ELLIPSES)),), known, domain, chosen, TEXTURED)
+            ellipses = tuple(_ellipse(region, axis) for axis in ELLIPSES)
+            return cls((*ellipses, _unlike(level, region, domain)), known, domain, chosen, TEXTURED)
         if region is None and start.strokes is not None:
             region = start.shrunk_strokes(shape) > 0
         if region is None and start.seeds is not None:
@@ -185,7 +211,7 @@ class _Case:
         if float(evidence[within].mean()) < 0.5:
             closed = np.zeros(level.shape, np.int8) if known is None else known.copy()
             closed[~region] = -1
-            return cls((region,), closed, domain, chosen, TEXTURED)
+            return cls((region, _unlike(level, region, domain)), closed, domain, chosen, TEXTURED)
         return cls((region,), known, domain, chosen, TEXTURED)
 
     @classmethod
@@ -197,13 +223,14 @@ class _Case:
 
         values = _principal(level.channels, domain)
         inner = values if domain is None else values[domain]
-        bright = values > threshold_otsu(inner)
+        bright = values > otsu(inner)
         edge = np.zeros(level.shape, bool)
         edge[[0, -1]] = edge[:, [0, -1]] = True
         inside = bright if float(bright[edge].mean()) <= 0.5 else ~bright
         if domain is not None:
             inside &= domain
-        return cls((inside,), known, domain, "means" if statistics == "auto" else statistics, PLAIN)
+        chosen = ("means" if level.channels.shape[-1] == 1 else "mixture") if statistics == "auto" else statistics
+        return cls((inside,), known, domain, chosen, PLAIN)
 
     def cleaned(self, inside: BoolArray) -> BoolArray:
         """Without specks; of a region that grew, what hangs together with its start by more than a neck."""
@@ -213,7 +240,8 @@ class _Case:
             keep[0] = False
             kept: BoolArray = keep[pieces]
             return kept
-        disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (NECK, NECK))
+        width = int(np.clip(round(NECK * float(np.sqrt(self.grown_from.sum()))), *NECKS)) | 1
+        disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (width, width))
         opened = cv2.morphologyEx(inside.astype(np.uint8), cv2.MORPH_OPEN, disc)
         opened[self.grown_from] = 1
         _, pieces = cv2.connectedComponents(opened, connectivity=4)
@@ -234,6 +262,18 @@ def _ellipse(box: BoolArray, axis: float) -> BoolArray:
     row, column = np.ogrid[: box.shape[0], : box.shape[1]]
     inside: BoolArray = ((row - centre[0]) / half[0]) ** 2 + ((column - centre[1]) / half[1]) ** 2 <= 1
     return inside if inside.any() else box
+
+
+def _unlike(level: PyramidLevel, region: BoolArray, domain: BoolArray | None) -> BoolArray:
+    """What looks least like the outside of a region, within it."""
+    pixels = Pixels(level.channels, level.noise)
+    around = ~region if domain is None else ~region & domain
+    values = pixels.of(around)
+    if len(values) == 0:
+        return region
+    likeness = mixture_of(values, pixels.floor).log_density(pixels.values).reshape(level.shape)
+    bounded = np.maximum(likeness, float(np.quantile(likeness[around], 0.01)) - 2 * BOUND)
+    return region & (bounded < otsu(bounded[region]))
 
 
 def _discs(level: PyramidLevel, seeds: NDArray[np.float64]) -> BoolArray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from dataclasses import field as dataclass_field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +16,18 @@ from tspline.field import LevelSet
 from tspline.grid import GridField, spline_of
 from tspline.sparse_field import MarchRecord
 
+if TYPE_CHECKING:
+    import trimesh
+
 __all__ = ["SegmentResult"]
 
 
 @dataclass(frozen=True)
 class SegmentResult:
-    """Objects of an image, in the manner of scipy's OptimizeResult.
+    """Objects of an image or a volume, in the manner of scipy's OptimizeResult.
+
+    In volumes, arrays are of the shape (planes, rows, cols), lengths in the caller's units; there are no contours: the
+    surface is what `to_mesh` returns. `phases` are then fields on the grid.
 
     Attributes
     ----------
@@ -62,11 +69,12 @@ class SegmentResult:
         The level sets that the contours are zero sets of: `field` alone, or with `separate` a few (two to four), in
         each of which no two objects touch.
     classes : ndarray of int32, shape (rows, cols), or None
-        With `phases`: class of each pixel, 0 (the darkest) to phases - 1, that of the least field; a pixel is of the
-        background's class exactly where `mask` is False. None otherwise.
+        With `phases`: class of each pixel, 0 (the darkest) to phases - 1: the number of the least of `phases` there.
+        None otherwise.
     background : int or None
         With `phases`: the class that is background, that of most of the image's border (or of the border of the
-        region of interest). `mask`, `labels`, `contours` and `field` tell of all other classes together.
+        region of interest). `mask`, `labels`, `contours` and `field` tell of all other classes together; `mask` differs
+        from `classes != background` at most at single pixels, mostly where three classes meet.
     phases : list of TSpline
         With `phases`: a level set a class, darkest first, f < 0 in it.
     phase_contours : list of list of ndarray, shape (m, 2)
@@ -101,3 +109,7 @@ class SegmentResult:
             return self.field
         assert isinstance(self.field, GridField)
         return spline_of(self.field)
+
+    def to_mesh(self, tolerance: float | None = None) -> trimesh.Trimesh:
+        """The closed surface of a volume's objects, caller's units; see `tspline.field.LevelSet.to_mesh`."""
+        return self.field.to_mesh(tolerance)

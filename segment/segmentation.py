@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -27,6 +27,7 @@ from segment.regions import STATISTICS
 from segment.result import SegmentResult
 from segment.start import Start
 from segment.touching import Separation
+from segment.volume import VolumeOptions, is_volume, segment_volume
 from tspline import TMesh, TSpline
 from tspline.errors import require
 from tspline.evolve import Evolution, EvolutionStep, EvolveOptions, StepRecord, band_mesh
@@ -52,7 +53,7 @@ def segment_image(
     image: ArrayLike,
     model: str = "auto",
     channel_axis: int | None = None,
-    spacing: float | None = None,
+    spacing: float | Sequence[float] | None = None,
     init: Any = None,
     seeds: ArrayLike | None = None,
     roi: ArrayLike | None = None,
@@ -69,14 +70,15 @@ def segment_image(
 
     Parameters
     ----------
-    image : array_like, shape (rows, cols) or (rows, cols, channels)
-        Grey or colour, any integer or floating type or bool; at least 8 pixels a side and not constant.
+    image : array_like, shape (rows, cols[, channels]) or (planes, rows, cols[, channels])
+        Grey or colour, any integer or floating type or bool; at least 8 pixels a side and not constant. A 3D array
+        whose last axis has 3 or 4 entries is a colour image unless `channel_axis` says otherwise, any other a volume.
     model : "auto" or "edges"
         The edge model (4.6); region models are not part of this release.
     channel_axis : int, optional
         Axis of the channels; by default the last one of three when it has length 3 or 4.
-    spacing : float, optional
-        Side of a pixel, the same along both axes; the spline's coordinates are `spacing` times the index.
+    spacing : float, optional; in volumes also three of them
+        Sides of a pixel, in images the same along both axes; the spline's coordinates are `spacing` times the index.
     init : optional
         Start: None or "auto" (chambers of the edge detector, coloured from the image's border), "circle" (the
         circumscribed circle, shrinking), "box" (the whole image, shrinking), a box (r0, c0, r1, c1) or a mask that
@@ -128,13 +130,17 @@ def segment_image(
         require(False, "statistics", repr(statistics), "'auto' with model='edges', which uses none")
     require(callback is None or callable(callback), "callback", repr(callback), "a callable or None")
     require(solver in ("tspline", "grid"), "solver", repr(solver), "'tspline' or 'grid'")
-    side = _checked_spacing(spacing)
     if max_depth is not None:
         ok = isinstance(max_depth, int | np.integer) and 2 <= max_depth <= 14
         require(ok, "max_depth", repr(max_depth), "an integer from 2 to 14, or None")
+    require(isinstance(separate, bool | np.bool_), "separate", repr(separate), "True or False")
+    if is_volume(image, channel_axis):
+        require(model != "edges", "model", repr(model), "'auto' or 'regions' for volumes")
+        options = VolumeOptions(statistics, phases, bool(separate), max_depth, solver, callback)
+        return segment_volume(image, channel_axis, spacing, (init, seeds, roi), options)
+    side = _checked_spacing(spacing)
     data = ImageData.from_array(image, channel_axis)
     start = Start.checked(data.shape, init, seeds, roi)
-    require(isinstance(separate, bool | np.bool_), "separate", repr(separate), "True or False")
     separation = Separation(data.channels, start.seeds) if separate else None
     if phases is not None:
         require(solver == "tspline", "solver", repr(solver), "'tspline' with phases")
@@ -163,7 +169,7 @@ def segment_image(
     return assembled(run.spline, data.shape, side, found, separation)
 
 
-def _checked_spacing(spacing: float | None) -> float:
+def _checked_spacing(spacing: float | Sequence[float] | None) -> float:
     if spacing is None:
         return 1.0
     try:
@@ -189,6 +195,8 @@ class _Run:
     ) -> None:
         self.levels: list[PyramidLevel] = pyramid(data)
         self.model, self.statistics = model, statistics
+        #: What regions say at points, if they were asked.
+        self.evidence: Callable[[FloatArray], FloatArray] | None = None
         #: Level on which the topology was found.
         self.base = self.levels[-1]
         self.start, self.max_depth, self.callback = start, max_depth, callback
@@ -212,6 +220,7 @@ class _Run:
             return
         found = beginning(self.levels, edges, self.start, self.model, self.statistics)
         self.base = found.level
+        self.evidence = None if found.evidence is None else found.told
         if not found.inside.any():
             self.status = 2
         self.spline = self._represented(mask_field(found.inside, self.scale), found.inside)
@@ -254,6 +263,7 @@ class _Run:
         else:
             self._move(region_problem(contour.speed, edges, begin, self.frame, mesh.finest, REGION_BALLOON))
             self._halve(contour, edges, wall)
+            self.evidence = contour.told
         if self.status == 3:
             return
         if self.status == 2:
@@ -306,7 +316,7 @@ class _Run:
         """The place, from the coarsest level to the full image."""
         if self.status in (2, 3):
             return
-        fit = ContourFit(self.frame, self.spline, self._told, self.max_depth or 14)
+        fit = ContourFit(self.frame, self.spline, self._told, self.max_depth or 14, self.evidence)
         for k, level in enumerate(reversed(self.levels[: self.base.index + 1])):
             if self.status == 3:
                 break

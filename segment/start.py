@@ -76,6 +76,11 @@ class Start:
         )
         return cls("region", region, places, interest, strokes)
 
+    @property
+    def has_place(self) -> bool:
+        """Whether anything tells where the objects are."""
+        return self.region is not None or self.seeds is not None or self.strokes is not None
+
     def outside(self, shape: tuple[int, int]) -> BoolArray | None:
         """What is known to be outside, at a level of the given shape; None when nothing is."""
         if self.region is None and self.roi is None and self.strokes is None:

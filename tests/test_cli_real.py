@@ -147,3 +147,40 @@ def test_demo(folder: Path) -> None:
         with Image.open(shown / name) as figure:
             assert figure.width > 1000
             figure.load()
+
+
+def test_segment_into_classes(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    grey = np.asarray(Image.open("disc.png")).copy()
+    grey[55:75, 5:25] = 240
+    Image.fromarray(grey).save("three.png")
+    words = ["--phases", "3", "--labels", "c.tif", "--mask", "m.png", "--contour", "c.geojson"]
+    assert main(["segment", "three.png", "--json", *words]) == 0
+    record = said(capsys)
+    features = json.loads(Path("c.geojson").read_text(encoding="utf-8"))["features"]
+    rings = [(f["properties"]["label"], len(f["geometry"]["coordinates"])) for f in features]
+    # The background has two holes.
+    assert rings == [(0, 3), (1, 1), (2, 1)]
+    classes = tifffile.imread("c.tif")
+    np.testing.assert_array_equal(np.unique(classes), [0, 1, 2])
+    assert record["class_areas"] == np.bincount(classes.ravel()).tolist()
+    assert (record["components"], record["background"]) == (2, 0)
+    assert np.count_nonzero(classes == 2) == pytest.approx(400, abs=12)
+    # Single pixels on the outline may fall to either side.
+    assert np.count_nonzero((np.asarray(Image.open("m.png")) == 255) != (classes > 0)) <= 3
+
+
+def test_segment_keeps_touching_objects_apart(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    row, col = np.mgrid[0:80, 0:110]
+    cover = np.minimum(np.hypot(row - 40, col - 34), np.hypot(row - 40, col - 72)) < 20.5
+    Image.fromarray(np.where(cover, 200, 60).astype(np.uint8)).save("pair.png")
+    words = ["segment", "pair.png", "--json", "--separate", "--labels", "l.png", "--contour", "p.geojson"]
+    assert main(words) == 0
+    assert said(capsys)["components"] == 2
+    areas = np.bincount(np.asarray(Image.open("l.png")).ravel())[1:]
+    np.testing.assert_allclose(areas, np.count_nonzero(cover) / 2, rtol=0.02)
+    assert len(json.loads(Path("p.geojson").read_text(encoding="utf-8"))["features"]) == 2
+
+
+def test_wrong_number_of_classes_is_told(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["segment", "disc.png", "--phases", "1", "--mask", "m.png"]) == 2
+    assert "phases" in capsys.readouterr().err

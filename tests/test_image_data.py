@@ -93,8 +93,8 @@ def test_what_is_no_image_is_refused_by_name(image: object, found: str) -> None:
     assert error.value.name == "image"
 
 
-def test_a_volume_is_said_to_be_unsupported() -> None:
-    with pytest.raises(InvalidArgumentError, match="volumes are not supported yet"):
+def test_a_volume_is_no_image() -> None:
+    with pytest.raises(InvalidArgumentError, match="a volume or a stack"):
         ImageData.from_array(np.random.default_rng(0).random((20, 20, 20)))
 
 

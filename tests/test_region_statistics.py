@@ -20,8 +20,8 @@ from segment.regions import (
     RegionModel,
     region_model,
 )
-from segment.regions.mixture import Mixture
-from segment.regions.normal import Normal
+from segment.regions.mixture import mixture_of, responsibilities
+from segment.regions.normal import Normals
 from segment.regions.pixels import LEAST_DEVIATION
 
 Floats = NDArray[np.float64]
@@ -77,11 +77,15 @@ def test_mixtures_are_weighted_sums_of_densities() -> None:
     model.update(INSIDE, ~INSIDE)
     logs = []
     for mixture in (model.inside, model.outside):
-        assert isinstance(mixture, Mixture)
+        assert isinstance(mixture, Normals)
         assert mixture.shares.sum() == pytest.approx(1.0)
-        parts = [stats.multivariate_normal(part.mean, part.covariance) for part in mixture.parts]
-        density = sum(s * part.pdf(image.astype(np.float64)) for s, part in zip(mixture.shares, parts, strict=True))
-        logs.append(np.log(density))
+        parts = zip(mixture.shares, mixture.means, mixture.covariances, strict=True)
+        values = image.astype(np.float64)
+        joint = [share * stats.multivariate_normal(mean, covariance).pdf(values) for share, mean, covariance in parts]
+        logs.append(np.log(sum(joint)))
+        rows = values.reshape(-1, 3)
+        own = np.stack(joint, axis=-1).reshape(len(rows), -1)
+        np.testing.assert_allclose(responsibilities(mixture, rows), own / own.sum(axis=1, keepdims=True), atol=1e-9)
     # Single precision far out in the tails.
     np.testing.assert_allclose(model.evidence(), logs[0] - logs[1], rtol=1e-3, atol=5e-3)
 
@@ -92,14 +96,16 @@ def test_each_round_of_expectation_and_maximisation_fits_better() -> None:
     values = centres[rng.integers(0, 4, 900)] + rng.normal(0, 0.08, (900, 2))
     # No floor: it is no part of the likelihood that the rounds increase.
     floor = np.full(2, 1e-6)
-    mixture = Mixture.of(values, floor)
+    mixture = mixture_of(values, floor)
     fits = []
     for _ in range(12):
         fits.append(float(mixture.log_density(values.astype(np.float32)).astype(np.float64).sum()))
-        mixture = Mixture.of(values, floor, mixture)
+        mixture = mixture_of(values, floor, mixture)
     # Up to the rounding of single precision.
     assert np.diff(fits).min() > -0.01
-    assert fits[-1] > Normal.of(values, floor).log_density(values.astype(np.float32)).sum() + 100
+    assert (
+        fits[-1] > Normals.weighted(values, np.ones((900, 1)), floor).log_density(values.astype(np.float32)).sum() + 100
+    )
 
 
 @pytest.mark.parametrize("channels", [1, 2, 3, 5])
@@ -213,4 +219,4 @@ def test_sides_without_noise_have_finite_evidence(name: str) -> None:
 def test_no_class_is_narrower_than_half_a_grey_value() -> None:
     model: Any = GaussianRegions(np.repeat(INSIDE[..., None], 1, -1).astype(np.float32), np.zeros(1))
     model.update(INSIDE, ~INSIDE)
-    assert model.inside.covariance[0, 0] == pytest.approx(LEAST_DEVIATION**2)
+    assert model.inside.covariances[0, 0, 0] == pytest.approx(LEAST_DEVIATION**2)

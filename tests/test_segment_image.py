@@ -378,7 +378,7 @@ def test_unusable_images_are_refused(image: Any, found: str) -> None:
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("model", "region"), ("model", None), ("solver", "magic"), ("solver", 1), ("init", "square"), ("init", 7),
+        ("model", "shapes"), ("model", None), ("solver", "magic"), ("solver", 1), ("init", "square"), ("init", 7),
         ("init", (1, 2, 3)), ("init", (50, 50, 20, 60)), ("init", (500, 500, 600, 600)),
         ("init", (0, 0, np.nan, 5)), ("init", np.zeros((N, N), bool)), ("init", np.ones((N, N), bool)),
         ("init", np.ones((3, 3), bool)), ("seeds", [(500, 3)]), ("seeds", [(np.nan, 3)]), ("seeds", [1, 2, 3]),

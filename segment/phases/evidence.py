@@ -16,8 +16,8 @@ Float32Array = NDArray[np.float32]
 
 #: Off edges: a pixel whose value a blurred edge changes by no more than some per cent of the step.
 FLAT = 0.9
-#: Doublings of the way from an edge to its foot: 32 pixels reach the foot of every blur that is looked for.
-DOUBLINGS = 5
+#: Way from an edge to its foot, in standard deviations of the image's blur.
+REACH = 1.5
 
 
 class SharpEvidence:
@@ -31,7 +31,9 @@ class SharpEvidence:
     def __init__(self, edges: EdgeField) -> None:
         self.flat: NDArray[np.bool_] = edges.g > FLAT
         self._sigma = edges.sigma
-        self._feet = _feet(edges.magnitude, self.flat)
+        self._feet = _feet(edges.magnitude, self.flat, max(1, int(np.ceil(REACH * edges.blur))))
+        self.ground = self.flat.copy()
+        self.ground.ravel()[self._feet] = True
         self._share = gaussian_filter(self.flat.astype(np.float32), self._sigma)
 
     def sharpened(self, costs: Float32Array) -> Float32Array:
@@ -41,12 +43,12 @@ class SharpEvidence:
         for cost, sharp in zip(costs, result, strict=True):
             # The mean of the flat pixels around, so that one pixel's noise does not speak for a whole edge.
             mean = gaussian_filter(np.where(self.flat, cost, np.float32(0.0)), self._sigma)
-            mean = np.where(heard, mean / np.maximum(self._share, np.float32(1e-3)), cost)
+            mean = np.where(heard & self.flat, mean / np.maximum(self._share, np.float32(1e-3)), cost)
             sharp[...] = np.where(self.flat, cost, mean.ravel()[self._feet])
         return result
 
 
-def _feet(magnitude: Float32Array, flat: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _feet(magnitude: Float32Array, flat: NDArray[np.bool_], steps: int) -> NDArray[np.int64]:
     """Flat index of each pixel's foot, shape of the image: itself where the image is flat."""
     index = np.arange(magnitude.size).reshape(magnitude.shape)
     beside, numbers = np.pad(magnitude, 1, constant_values=np.inf), np.pad(index, 1)
@@ -56,7 +58,8 @@ def _feet(magnitude: Float32Array, flat: NDArray[np.bool_]) -> NDArray[np.int64]
         better = beside[there] < least
         least[better], lower[better] = beside[there][better], numbers[there][better]
     lower[flat] = index[flat]
-    way = lower.ravel()
-    for _ in range(DOUBLINGS):
-        way = way[way]
-    return way.reshape(magnitude.shape)
+    step = lower.ravel()
+    feet = step
+    for _ in range(steps - 1):
+        feet = step[feet]
+    return feet.reshape(magnitude.shape)

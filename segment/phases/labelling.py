@@ -21,7 +21,7 @@ BoolArray = NDArray[np.bool_]
 Float32Array = NDArray[np.float32]
 IntArray = NDArray[np.int64]
 
-#: Nats that a pixel's side of boundary costs: what about two pixels of a class between its neighbours would say.
+#: Nats that a pixel's side of boundary costs: single pixels and pairs of them are no piece of a class by their noise.
 LENGTH = 1.5
 #: Part of that on the ridge of an edge.
 ON_RIDGE = 0.5
@@ -85,7 +85,7 @@ def labelled(edges: EdgeField, count: int, statistics: str, black: float, region
     """
     channels = edges.level.channels
     evidence = SharpEvidence(edges)
-    heard = evidence.flat if region is None else evidence.flat & region
+    heard = evidence.ground if region is None else evidence.ground & region
     if np.count_nonzero(heard) < 16 * count:
         heard = np.ones_like(heard) if region is None else region
     light = _light(edges, heard, count, statistics, black)
@@ -168,8 +168,8 @@ def _first_classes(
     means, pixels = edges.smoothed, edges.level.channels
     values = (means if light is None else light.corrected(means))[some].astype(np.float64)
     own = values if smooth else (pixels if light is None else light.corrected(pixels))[some].astype(np.float64)
-    # A Gaussian leaves 1 / (2 sqrt(pi) sigma) of the noise an axis of a plane.
-    noise = edges.level.noise / (2.0 * np.sqrt(np.pi) * edges.sigma)
+    # A Gaussian leaves 1 / (2 sqrt(pi) sigma) of the noise's variance an axis.
+    noise = edges.level.noise / (2.0 * np.sqrt(np.pi) * edges.sigma) ** (0.5 * heard.ndim)
     return GaussianClasses.found(values, own, noise, count, pooled)
 
 

@@ -98,23 +98,17 @@ def margined_mesh(frame: ImageFrame, at: FloatArray, levels: NDArray[np.uint8]) 
     return frame.mesh(np.vstack([at, ring]), np.concatenate([levels, coarse]), base=min(3, int(coarse[0])))
 
 
-def classes_of(fields: Sequence[TSpline], background: int, mask: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """Number of the least field at each pixel centre.
-
-    Where three classes meet, a pixel may be in none or two of them; there `mask`, the foreground, decides between
-    `background` and the others.
-    """
-    classes = np.full(mask.shape, background, np.int32)
-    claims = np.zeros(mask.shape, np.int32)
+def classes_of(fields: Sequence[TSpline], shape: tuple[int, int]) -> NDArray[np.int32]:
+    """Number of the least field at each pixel centre."""
+    classes = np.zeros(shape, np.int32)
+    claims = np.zeros(shape, np.int32)
     for k, field in enumerate(fields):
-        if k != background:
-            mine = rasterised(field, field.to_polylines(), mask.shape) & mask
-            classes[mine] = k
-            claims += mine
+        mine = rasterised(field, field.to_polylines(), shape)
+        classes[mine] = k
+        claims += mine
     # A pixel that only one field holds below 0 has no lower one. The few others are asked.
-    asked = np.argwhere(mask & (claims != 1))
+    asked = np.argwhere(claims != 1)
     if len(asked):
         values = np.stack([field(asked.astype(np.float64)) for field in fields])
-        values[background] = np.inf
         classes[tuple(asked.T)] = values.argmin(axis=0)
     return classes

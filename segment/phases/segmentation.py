@@ -74,7 +74,7 @@ def segmented_into_phases(
     made = {"made_by": "segment_image", "shape": list(data.shape), "spacing": side}
     return replace(
         result,
-        classes=classes_of(run.phases, run.background, result.mask),
+        classes=classes_of(run.phases, data.shape),
         background=run.background,
         phases=[scaled(field, side, made | {"phase": k}) for k, field in enumerate(run.phases)],
         phase_contours=[field.to_polylines() for field in run.phases],

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from segment.regions.density import Density, DensityRegions
-from segment.regions.normal import Normal
+from segment.regions.normal import Normals
 
 __all__ = ["GaussianRegions"]
 
@@ -19,4 +19,4 @@ class GaussianRegions(DensityRegions):
 
     def estimated(self, values: NDArray[np.float64], last: Density | None) -> Density:
         """Moments of the rows."""
-        return Normal.of(values, self._pixels.floor)
+        return Normals.weighted(values, np.ones((len(values), 1)), self._pixels.floor)

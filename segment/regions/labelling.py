@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,6 +65,7 @@ def labelled(
     domain: BoolArray | None = None,
     *,
     rounds: int = 6,
+    kept: Callable[[BoolArray], BoolArray] | None = None,
 ) -> Labelling:
     """Estimate both sides, find the best labelling for them, and so on until it rests.
 
@@ -81,6 +83,8 @@ def labelled(
         Pixels that the statistics are made of; all by default.
     rounds : int
         Estimates at most.
+    kept : callable, optional
+        The part of a labelling that is taken for the object.
 
     Notes
     -----
@@ -98,7 +102,7 @@ def labelled(
         model.update(inside if domain is None else inside & domain, outside)
         evidence = bounded(model.evidence(), known)
         share, _, _ = _core.relaxed_regions(evidence, weights, spacing, tolerance=TOLERANCE)
-        now = share > 0.5
+        now = share > 0.5 if kept is None else kept(share > 0.5)
         changed = int(np.count_nonzero(now != inside))
         inside = now
         if changed <= 1e-4 * inside.size or not inside.any() or inside.all():

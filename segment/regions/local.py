@@ -43,20 +43,33 @@ class LocalRegions:
         self._channels = channels
         self.window = float(window) if window else max(2.0, WINDOW * max(channels.shape[:-1]))
         self.bias = np.zeros_like(channels)
+        self._flat = False
         count = channels.shape[-1]
         self.inside, self.outside = np.zeros(count), np.zeros(count)
         self.deviation = np.ones(count)
+
+    def flatten(self) -> None:
+        """Take the windowed mean of everything for the bias, from now on: for objects thinner than the window.
+
+        Estimated from both sides the bias would follow the objects that are missed.
+        """
+        for k in range(self._channels.shape[-1]):
+            self.bias[..., k] = gaussian_filter(self._channels[..., k], self.window, mode="nearest", truncate=3.0)
+        self._flat = True
 
     def update(self, inside: NDArray[np.bool_], outside: NDArray[np.bool_]) -> None:
         """Means of both sides, the bias, and the deviation that is left."""
         if not (inside.any() and outside.any()):
             return
         known = (inside | outside).astype(np.float32)
-        weight = self._windowed(known)
-        for _ in range(3):
+        # Far from all that is known the weight vanishes, and with it the bias.
+        weight = np.maximum(self._windowed(known), np.float32(1e-6))
+        for _ in range(1 if self._flat else 3):
             a = np.array([float((plane - b)[inside].mean(dtype=np.float64)) for plane, b in self._planes()])
             z = np.array([float((plane - b)[outside].mean(dtype=np.float64)) for plane, b in self._planes()])
             self.inside, self.outside = a, z
+            if self._flat:
+                break
             for k in range(self._channels.shape[-1]):
                 rest = self._channels[..., k] * known
                 rest[inside] -= np.float32(a[k])

@@ -1,4 +1,4 @@
-"""A normal distribution of colours."""
+"""Normal distributions of colours."""
 
 from __future__ import annotations
 
@@ -7,43 +7,59 @@ from numpy.typing import NDArray
 
 from tspline import _core
 
-__all__ = ["Normal", "log_density"]
+__all__ = ["Normals"]
+
+FloatArray = NDArray[np.float64]
 
 
-class Normal:
-    """A normal distribution of c channels, its covariance not below the noise.
+class Normals:
+    """Normal distributions of c channels with weights, their covariances not below the noise.
 
     Parameters
     ----------
-    mean : ndarray, shape (c,)
-    covariance : ndarray, shape (c, c)
+    means : ndarray, shape (k, c)
+    covariances : ndarray, shape (k, c, c)
+    shares : ndarray, shape (k,)
+        Weights, adding up to 1.
     floor : ndarray, shape (c,)
-        Least standard deviation along each channel.
+        Least standard deviation along each channel; its square is added.
     """
 
-    def __init__(self, mean: NDArray[np.float64], covariance: NDArray[np.float64], floor: NDArray[np.float64]) -> None:
-        self.mean = mean
-        self.covariance = covariance + np.diag(floor**2)
-        factor = np.linalg.cholesky(self.covariance)
-        self.whitening = np.tril(np.linalg.inv(factor))
-        self.constant = -float(np.log(np.diag(factor)).sum()) - 0.5 * len(mean) * float(np.log(2 * np.pi))
+    def __init__(self, means: FloatArray, covariances: FloatArray, shares: FloatArray, floor: FloatArray) -> None:
+        self.means, self.shares = means, shares
+        self.covariances = covariances + np.diag(floor**2)
+        factors = np.linalg.cholesky(self.covariances)
+        self.whitening: FloatArray = np.tril(np.linalg.inv(factors))
+        self.centres: FloatArray = np.einsum("kij,kj->ki", self.whitening, means)
+        sizes = np.log(np.einsum("kii->ki", factors)).sum(axis=1)
+        self.constants: FloatArray = np.log(shares) - sizes - 0.5 * means.shape[1] * np.log(2 * np.pi)
+
+    def __len__(self) -> int:
+        return len(self.shares)
 
     @classmethod
-    def of(cls, values: NDArray[np.float64], floor: NDArray[np.float64]) -> Normal:
-        """Moments of rows (n, c)."""
-        mean = values.mean(axis=0)
-        away = values - mean
-        return cls(mean, away.T @ away / len(values), floor)
+    def weighted(cls, values: FloatArray, weights: FloatArray, floor: FloatArray) -> Normals:
+        """Moments of rows (n, c) with weights (n, k) > 0 in every column's sum."""
+        count, channels = values.shape
+        totals = weights.sum(axis=0)
+        # About a common place, so that the difference of squares loses no digits.
+        place = values.mean(axis=0)
+        away = values - place
+        squares = (away[:, :, np.newaxis] * away[:, np.newaxis, :]).reshape(count, -1)
+        means = weights.T @ away / totals[:, np.newaxis]
+        seconds = (weights.T @ squares / totals[:, np.newaxis]).reshape(-1, channels, channels)
+        covariances = seconds - means[:, :, np.newaxis] * means[:, np.newaxis, :]
+        return cls(means + place, covariances, totals / totals.sum(), floor)
+
+    def logs(self, values: FloatArray) -> FloatArray:
+        """log (share p) of each at rows (n, c), shape (n, k)."""
+        parts, channels = self.means.shape
+        scaled = values @ self.whitening.reshape(parts * channels, channels).T - self.centres.ravel()
+        squared = np.einsum("nkc,nkc->nk", *2 * [scaled.reshape(-1, parts, channels)])
+        logs: FloatArray = self.constants - 0.5 * squared
+        return logs
 
     def log_density(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
-        """log p at rows (n, c), shape (n,)."""
-        return log_density(values, [self], np.ones(1))
-
-
-def log_density(values: NDArray[np.float32], parts: list[Normal], shares: NDArray[np.float64]) -> NDArray[np.float32]:
-    """log sum_k shares[k] p_k at rows (n, c), shape (n,)."""
-    whitening = np.stack([part.whitening for part in parts])
-    centres = np.stack([part.whitening @ part.mean for part in parts])
-    constants = np.array([part.constant for part in parts]) + np.log(shares)
-    single = (array.astype(np.float32) for array in (whitening, centres, constants))
-    return _core.mixture_log_density(np.ascontiguousarray(values), *single)
+        """log sum_k share_k p_k at rows (n, c), shape (n,)."""
+        single = (a.astype(np.float32) for a in (self.whitening, self.centres, self.constants))
+        return _core.mixture_log_density(np.ascontiguousarray(values), *single)

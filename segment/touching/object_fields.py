@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter, map_coordinates
 
 from segment.near_fit import fitted_near_zero
-from segment.touching.parts import contacts
+from segment.touching.cuts import Chord, chords, contacts
 from tspline import TMesh, TSpline
 from tspline.evolve import zero_set_samples
 from tspline.grid import GridField
@@ -50,14 +50,18 @@ class ObjectFields:
 
     @classmethod
     def of(cls, field: TSpline | GridField, labels: IntArray) -> ObjectFields:
-        """Fields of the objects of `labels`, all of which together are {field < 0}."""
+        """Fields of the objects of `labels`, all of which together are {field < 0}.
+
+        Pixels that a straight cut runs through go to the side of it where their centres are.
+        """
+        labels, straight = _straightened(labels, chords(labels, field.from_box(field.zero_set())))
         pairs, cuts = contacts(labels)
         owners = _coloured(int(labels.max()), np.unique(pairs, axis=0))
         if len(pairs) == 0:
             return cls([field], labels, owners)
-        nearest = distance_transform_edt(labels == 0, return_distances=False, return_indices=True)
-        colours = owners[labels[tuple(nearest)]]
-        sides = [_side(colours == c) for c in range(int(owners.max()) + 1)]
+        nearest = tuple(distance_transform_edt(labels == 0, return_distances=False, return_indices=True))
+        colours = owners[labels[nearest]]
+        sides = [_side(colours == c, c, owners, straight) for c in range(int(owners.max()) + 1)]
         if isinstance(field, GridField):
             made = [GridField.from_function(field.grid, _both(field, side), band=field.band) for side in sides]
             return cls(made, labels, owners)
@@ -65,6 +69,22 @@ class ObjectFields:
         at = mesh.sample_points()
         whole = field(at)
         return cls(fitted_near_zero(mesh, at, (np.maximum(whole, side(at)) for side in sides)), labels, owners)
+
+
+def _straightened(labels: IntArray, found: Sequence[Chord]) -> tuple[IntArray, list[Chord]]:
+    """Labels with the pixels beside chords on their sides, and the chords that leave something of both objects."""
+    labels, kept = labels.copy(), []
+    areas = np.bincount(labels.ravel())
+    for chord in found:
+        own = np.isin(labels[chord.pixels], chord.pair)
+        pixels = tuple(axis[own] for axis in chord.pixels)
+        side = np.where(chord.distances < 0, *chord.pair)[own]
+        count = len(areas)
+        after = areas - np.bincount(labels[pixels], minlength=count) + np.bincount(side, minlength=count)
+        if after[list(chord.pair)].min() > 0:
+            labels[pixels], areas = side, after
+            kept.append(chord)
+    return labels, kept
 
 
 def _both(field: GridField, side: Callable[[FloatArray], FloatArray]) -> Callable[[FloatArray], FloatArray]:
@@ -85,11 +105,15 @@ def _coloured(count: int, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
     return owners
 
 
-def _side(region: NDArray[np.bool_]) -> Callable[[FloatArray], FloatArray]:
-    """Distance from the border of a region as a field, < 0 in it; beyond the image the last pixels continue."""
-    if region.all():
-        return lambda points: np.full(len(points), -np.inf)
+def _side(
+    region: NDArray[np.bool_], number: int, owners: NDArray[np.int64], straight: Sequence[Chord]
+) -> Callable[[FloatArray], FloatArray]:
+    """Distance from the border of a field's region, < 0 in it: from chords where these are near."""
     distance = np.where(region, 0.5 - distance_transform_edt(region), distance_transform_edt(~region) - 0.5)
+    for chord in straight:
+        for owner, sign in zip(chord.pair, (1.0, -1.0), strict=True):
+            if owners[owner] == number:
+                distance[chord.pixels] = sign * chord.distances
     distance = gaussian_filter(distance, SMOOTH, mode="nearest")
     return lambda points: np.asarray(map_coordinates(distance, points.T, order=1, mode="nearest"))
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +10,9 @@ from scipy.ndimage import distance_transform_edt, generate_binary_structure
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-__all__ = ["LEAST", "NECK", "contacts", "half_widths", "parted"]
+from segment.touching.cuts import contacts, neighbours
+
+__all__ = ["LEAST", "NECK", "half_widths", "parted"]
 
 BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int32]
@@ -30,7 +31,7 @@ HOLE = 0.75
 
 def parted(
     mask: BoolArray,
-    beyond: FloatArray | None = None,
+    width: FloatArray | None = None,
     strength: FloatArray | None = None,
     markers: IntArray | None = None,
 ) -> IntArray:
@@ -40,8 +41,8 @@ def parted(
     ----------
     mask : ndarray of bool, shape (shape)
         Objects; 8- or 26-connected.
-    beyond : ndarray, shape (shape), optional
-        Distance of the pixels beside the mask from its outline, pixels; by default one half.
+    width : ndarray, shape (shape), optional
+        Half width at each pixel; by default that of the mask.
     strength : ndarray, shape (shape), optional
         Depth of valleys of brightness between objects, 1 where there is none: a valley counts as a neck.
     markers : ndarray of int, shape (shape), optional
@@ -63,33 +64,78 @@ def parted(
     ----------
     .. [1] P. Soille, "Morphological Image Analysis", Springer 2003, sections 6.3.4 and 9.2.
     """
+    # Scikit-image takes a while to import, and most segmentations do without it.
     from skimage.measure import label
-    from skimage.morphology import local_maxima, reconstruction
+    from skimage.morphology import local_maxima
     from skimage.segmentation import watershed
 
-    every = generate_binary_structure(mask.ndim, mask.ndim)
-    if not mask.any():
-        return np.zeros(mask.shape, np.int32)
-    width = half_widths(mask, beyond)
+    if not mask.any() or (mask.all() and markers is None):
+        return mask.astype(np.int32)
+    width = half_widths(mask) if width is None else width
     height = np.log(width + DOUBT)
     if strength is not None:
         height = height + np.log(np.clip(strength, 1e-3, 1.0))
-    floor = float(height[mask].min()) + 2.0 * math.log(NECK)
-    height = np.where(mask, height, floor)
+    every = generate_binary_structure(mask.ndim, mask.ndim)
+    pieces = label(mask, connectivity=mask.ndim)
     if markers is None:
-        domes = reconstruction(height + math.log(NECK), height, method="dilation", footprint=every)
-        markers = label(local_maxima(domes, footprint=every) & mask, connectivity=mask.ndim)
-        markers = _wide(markers, width, label(mask, connectivity=mask.ndim))
+        # Outside lower than anything inside, so that each piece has a summit.
+        summits = label(local_maxima(np.where(mask, height, height[mask].min() - 1.0), footprint=every) & mask)
+        basins = watershed(-height, markers=summits, mask=mask, connectivity=every)
+        parts = _merged(basins, height, width)[basins]
+        parts = _rings_joined(parts, width)[parts]
+    else:
+        # Pieces without a marker are objects all the same.
+        bare = ~np.isin(pieces, pieces[markers > 0]) & mask
+        markers = np.where(bare, pieces + int(markers.max()), markers)
         parts = watershed(-height, markers=markers, mask=mask, connectivity=every)
-        return _in_order(_rings_joined(parts, width))
-    parts = watershed(-height, markers=markers, mask=mask, connectivity=every)
-    # Pieces without a marker are objects all the same.
-    rest = label(mask & (parts == 0), connectivity=mask.ndim)
-    return _in_order(np.where(rest > 0, rest + parts.max(), parts))
+    return np.asarray(_order(parts)[parts])
 
 
-def half_widths(mask: BoolArray, beyond: FloatArray | None) -> FloatArray:
-    """Distance of each pixel of a mask to its outline, pixels; the image's border is none. 0 outside."""
+def _merged(basins: IntArray, height: FloatArray, width: FloatArray) -> IntArray:
+    """New numbers (n + 1,) of basins: one for those between which there is no neck, from the highest pass down."""
+    count = int(basins.max())
+    summit, widest = np.full(count + 1, -np.inf), np.zeros(count + 1)
+    np.maximum.at(summit, basins.ravel(), height.ravel())
+    np.maximum.at(widest, basins.ravel(), width.ravel())
+    pairs, passes = _passes(basins, height)
+    parent = list(range(count + 1))
+
+    def root(k: int) -> int:
+        while parent[k] != k:
+            parent[k] = parent[parent[k]]
+            k = parent[k]
+        return k
+
+    for k in np.argsort(-passes, kind="stable").tolist():
+        one, other = sorted((root(pairs[k, 0]), root(pairs[k, 1])), key=lambda r: (-summit[r], r))
+        whole = summit[other] + math.log(NECK) < passes[k] or widest[other] < LEAST
+        if one != other and whole:
+            parent[other] = one
+            widest[one] = max(widest[one], widest[other])
+    return np.array([root(k) for k in range(count + 1)], np.int32)
+
+
+def _passes(basins: IntArray, height: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
+    """Pairs of basins that touch (w, 2), and the height of the pass between them (w,)."""
+    keys, heights = [], []
+    count = int(basins.max()) + 1
+    for here, there in neighbours(basins.shape):
+        one, other = basins[here], basins[there]
+        meet = np.nonzero((one != other) & (one > 0) & (other > 0))
+        low, high = np.minimum(one[meet], other[meet]), np.maximum(one[meet], other[meet])
+        keys.append(low.astype(np.int64) * count + high)
+        heights.append(np.minimum(height[here][meet], height[there][meet]))
+    found, pair = np.unique(np.concatenate(keys), return_inverse=True)
+    passes = np.full(len(found), -np.inf)
+    np.maximum.at(passes, pair, np.concatenate(heights))
+    return np.stack([found // count, found % count], axis=1), passes
+
+
+def half_widths(mask: BoolArray, beyond: FloatArray | None = None) -> FloatArray:
+    """Distance of each pixel of a mask to its outline, pixels; the image's border is none. 0 outside.
+
+    `beyond` (shape) is the distance of the pixels beside the mask from the outline, by default one half.
+    """
     if mask.all():
         return np.full(mask.shape, float(max(mask.shape)))
     distance, nearest = distance_transform_edt(mask, return_indices=True)
@@ -97,21 +143,8 @@ def half_widths(mask: BoolArray, beyond: FloatArray | None) -> FloatArray:
     return np.where(mask, np.maximum(distance - over, 0.0), 0.0)
 
 
-def _wide(markers: IntArray, width: FloatArray, pieces: IntArray) -> IntArray:
-    """Markers of parts that are wide enough to be told from a bump; of each connected piece one at least."""
-    count = int(markers.max())
-    widest, piece = np.zeros(count + 1), np.zeros(count + 1, np.int64)
-    np.maximum.at(widest, markers.ravel(), width.ravel())
-    piece[markers.ravel()] = pieces.ravel()
-    best = np.zeros(int(pieces.max()) + 1)
-    np.maximum.at(best, piece[1:], widest[1:])
-    keep = (widest >= LEAST) | (widest >= best[piece])
-    keep[0] = False
-    return np.where(keep[markers], markers, 0).astype(np.int32)
-
-
 def _rings_joined(parts: IntArray, width: FloatArray) -> IntArray:
-    """Parts that touch in two places with a hole between them are one object: a ring, narrower here and there."""
+    """New numbers (n + 1,) of parts: those that touch in two places with a hole between them are one object, a ring."""
     widest = np.zeros(int(parts.max()) + 1)
     np.maximum.at(widest, parts.ravel(), width.ravel())
     pairs, cuts = contacts(parts)
@@ -120,32 +153,17 @@ def _rings_joined(parts: IntArray, width: FloatArray) -> IntArray:
         places = cuts[(pairs == (one, other)).all(axis=1)]
         hole = HOLE * min(widest[one], widest[other])
         tree = KDTree(places)
-        count, _ = connected_components(tree.sparse_distance_matrix(tree, max(hole, 2.0)) > 0, directed=False)
+        near = tree.sparse_distance_matrix(tree, max(hole, 2.0), output_type="coo_matrix")
+        count, _ = connected_components(near, directed=False)
         if count > 1:
             joined[joined == joined[other]] = joined[one]
-    return joined[parts].astype(np.int32)
+    return joined.astype(np.int32)
 
 
-def contacts(labels: IntArray) -> tuple[NDArray[np.int64], FloatArray]:
-    """Where objects meet: pairs of numbers (w, 2), the smaller first, one for two pixels, and their middle (w, d)."""
-    pairs, places = [], []
-    for offset in product((-1, 0, 1), repeat=labels.ndim):
-        if offset <= (0,) * labels.ndim:
-            continue
-        here = tuple(slice(max(0, -o), n - max(0, o)) for o, n in zip(offset, labels.shape, strict=True))
-        there = tuple(slice(max(0, o), n + min(0, o)) for o, n in zip(offset, labels.shape, strict=True))
-        one, other = labels[here], labels[there]
-        meet = np.nonzero((one != other) & (one > 0) & (other > 0))
-        pairs.append(np.sort(np.stack([one[meet], other[meet]], axis=1).astype(np.int64), axis=1))
-        start = np.array([s.start for s in here])
-        places.append(np.stack(meet, axis=1) + start + 0.5 * np.array(offset))
-    return np.vstack(pairs), np.vstack(places)
-
-
-def _in_order(parts: NDArray[np.integer]) -> IntArray:
-    """Numbers from 1 in the order of the first pixels."""
-    _, first, inverse = np.unique(parts.ravel(), return_index=True, return_inverse=True)
-    outside = parts.ravel()[first] == 0
-    rank = np.empty(len(first), np.int32)
-    rank[np.lexsort((first, ~outside))] = np.arange(len(first)) + (0 if outside.any() else 1)
-    return np.asarray(rank[inverse].reshape(parts.shape))
+def _order(parts: IntArray) -> IntArray:
+    """New numbers (n + 1,) of parts, from 1 in the order of their first pixels."""
+    found, first = np.unique(parts.ravel(), return_index=True)
+    first = first[found > 0]
+    rank = np.zeros(int(parts.max()) + 1, np.int32)
+    rank[found[found > 0][np.argsort(first)]] = np.arange(1, len(first) + 1)
+    return rank

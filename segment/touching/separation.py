@@ -10,7 +10,7 @@ from scipy.ndimage import binary_dilation, distance_transform_edt, generate_bina
 
 from segment.touching.object_fields import ObjectFields
 from segment.touching.parts import LEAST, half_widths, parted
-from segment.touching.valleys import valleys
+from segment.touching.valleys import bays, valleys
 from tspline import TSpline
 from tspline.grid import GridField
 
@@ -41,11 +41,22 @@ class Separation:
         """Objects of {field < 0}, which is `mask` at the pixel centres; index coordinates."""
         if not mask.any():
             return ObjectFields([field], mask.astype(np.int32), np.zeros(1, np.int64))
+        width = half_widths(mask, _beyond(field, mask))
         if self.seeds is not None:
-            return ObjectFields.of(field, parted(mask, _beyond(field, mask), None, self._markers(mask)))
-        beyond = _beyond(field, mask)
-        brightness = valleys(self.channels, mask, _typical(half_widths(mask, beyond), mask))
-        return ObjectFields.of(field, parted(mask, beyond, brightness))
+            return ObjectFields.of(field, parted(mask, width, None, self._markers(mask)))
+        typical = _typical(width, mask)
+        open_ = half_widths(mask & ~bays(self.channels, mask, width, typical))
+        # Elsewhere the contour knows the width better than its pixels.
+        width = np.where(open_ < half_widths(mask) - 0.5, np.minimum(open_, width), width)
+        return ObjectFields.of(field, parted(mask, width, valleys(self.channels, mask, typical)))
+
+    def numbered(self, mask: BoolArray) -> IntArray:
+        """Numbers of the objects of a mask alone, whose outline runs half-way between pixels."""
+        if not mask.any():
+            return mask.astype(np.int32)
+        if self.seeds is not None:
+            return parted(mask, None, None, self._markers(mask))
+        return parted(mask, None, valleys(self.channels, mask, _typical(half_widths(mask, None), mask)))
 
     def _markers(self, mask: BoolArray) -> IntArray:
         """The seeds on the mask; those beside it are moved to its nearest pixel."""

@@ -1,6 +1,8 @@
 //! Mixtures of normal distributions.
 
-use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods};
+use numpy::{
+    IntoPyArray, PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods,
+};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use tspline_kernels::mixture::Mixture;
@@ -15,8 +17,11 @@ pub fn mixture_log_density<'py>(
     constants: PyReadonlyArray1<'py, f32>,
 ) -> PyResult<Bound<'py, PyArray1<f32>>> {
     let (rows, channels, parts) = (values.shape()[0], values.shape()[1], constants.len());
-    if whitening.shape() != [parts, channels, channels] || centres.shape() != [parts, channels] || parts == 0 {
-        return Err(PyValueError::new_err("whitening, centres and constants do not fit the values"));
+    if whitening.shape() != [parts, channels, channels] || centres.shape() != [parts, channels] || parts == 0
+    {
+        return Err(PyValueError::new_err(
+            "whitening, centres and constants do not fit the values",
+        ));
     }
     let mixture = Mixture {
         channels,

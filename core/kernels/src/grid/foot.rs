@@ -306,8 +306,9 @@ fn settle<const D: usize>(
         if shrink > 0.7 {
             damping *= 0.5;
         }
-        last = length;
         let share = (region.widest / length.max(f64::MIN_POSITIVE)).min(1.0);
+        // Of the step that is taken: one out of a flat place, where it is endless, would make any next one look small.
+        last = share * length;
         for a in 0..D {
             x[a] = (x[a] + share * step[a]).clamp(0.0, region.high[a]);
         }

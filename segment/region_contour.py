@@ -97,7 +97,7 @@ class RegionContour:
         if self._known is not None:
             known = np.where(self._known != 0, self._known, known).astype(np.int8)
         weights = np.full(self.level.shape, LENGTH, np.float32)
-        evidence = bounded(self.speed.evidence, known)
+        evidence = bounded(self.speed.mean, known)
         share, _, _ = _core.relaxed_regions(evidence, weights, [1.0, 1.0], tolerance=TOLERANCE)
         labelled = (share > 0.5) & inside
         return self.start.heeded(_with_holes(inside, labelled), self.level)

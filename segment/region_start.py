@@ -219,7 +219,6 @@ class _Case:
         cls, level: PyramidLevel, known: NDArray[np.int8] | None, domain: BoolArray | None, statistics: str
     ) -> _Case:
         """From two classes of brightness; what meets the image's border less is the object."""
-        from skimage.filters import threshold_otsu
 
         values = _principal(level.channels, domain)
         inner = values if domain is None else values[domain]

@@ -94,7 +94,7 @@ def test_the_speed_is_its_definition() -> None:
         mean[row, column] = (weight * evidence).sum() / weight.sum()
     at = np.round(samples.points).astype(int)
     on_pixel = normal_at(speed, at.astype(np.float64))
-    full = max(float(np.median(np.abs(speed.evidence))), LEAST_EVIDENCE)
+    full = max(float(np.median(np.abs(speed.mean))), LEAST_EVIDENCE)
     # The window is cut at three deviations.
     np.testing.assert_allclose(on_pixel, 1.5 * np.clip(mean[tuple(at.T)] / full, -1, 1), atol=0.02)
     assert terms.smoothing is not None
@@ -199,8 +199,8 @@ def test_both_solvers_end_at_the_same_place(statistics: str, shape: str, init: s
     inside = distance < 0
     for found in (spline, grid):
         assert (found.status, found.num_components, len(found.contours)) == (0, 1, 1)
-        # 0.994 to 0.999 were measured; 0.89 to 0.97 where only the size of the noise tells.
-        least = 0.85 if statistics == "gaussian" else 0.98
+        # 0.982 to 0.999 were measured; 0.89 to 0.97 where only the size of the noise tells.
+        least = 0.85 if statistics == "gaussian" else 0.97
         assert np.count_nonzero(found.mask & inside) > least * np.count_nonzero(found.mask | inside)
     assert np.abs(spline.spline(np.vstack(grid.contours))).mean() < 0.5
 

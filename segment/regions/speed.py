@@ -60,9 +60,11 @@ class RegionSpeed:
     Attributes
     ----------
     evidence : ndarray of float32, shape `shape`
-        e of the last estimate, nats a pixel; 0 before the first.
+        log p_in - log p_out of the pixels by the last estimate, cut; 0 before the first.
+    mean : ndarray of float32, shape `shape`
+        e, its Gaussian mean.
     value : ndarray of float32, shape `shape`
-        clip(e / s, -1, 1) of the last estimate; 0 before the first.
+        clip(e / s, -1, 1).
     """
 
     def __init__(
@@ -85,7 +87,7 @@ class RegionSpeed:
         index = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1).reshape(-1, len(shape))
         self.centres = self._origin + index * self._spacing
         self._last, self._interval = 0.0, 0.0
-        self.evidence = np.zeros(shape, np.float32)
+        self.evidence = self.mean = np.zeros(shape, np.float32)
         self.value = np.zeros(shape, np.float32)
 
     def prepare(self, state: LevelSetState) -> None:
@@ -103,10 +105,11 @@ class RegionSpeed:
         self.model.update(inside, outside)
         evidence = np.clip(self.model.evidence(), -BOUND, BOUND)
         cut = np.float32(CUT) * self._typical(evidence)
-        mean = gaussian_filter(np.clip(evidence, -cut, cut), self.width, mode="nearest", truncate=3.0)
-        self.evidence = np.asarray(mean, np.float32)
-        full = max(self._typical(self.evidence), np.float32(LEAST_EVIDENCE))
-        self.value = np.clip(self.evidence / full, -1.0, 1.0)
+        self.evidence = np.clip(evidence, -cut, cut)
+        mean = gaussian_filter(self.evidence, self.width, mode="nearest", truncate=3.0)
+        self.mean = np.asarray(mean, np.float32)
+        full = max(self._typical(self.mean), np.float32(LEAST_EVIDENCE))
+        self.value = np.clip(self.mean / full, -1.0, 1.0)
         if self._known is not None:
             self.value[self._known > 0], self.value[self._known < 0] = 1.0, -1.0
 

@@ -50,6 +50,9 @@ LABELS = OutputKind("labels", (".tif", ".tiff", ".png", ".npy", ".npz", ".nii", 
 KINDS = (MASK, LABELS, CONTOUR, MESH, MODEL, FIGURE, ANIMATION)
 KEYS = ("dim", "num_coefficients", "components", "nit", "genus", "area", "volume")
 
+STATISTICS = ("auto", "means", "gaussian", "histogram", "mixture", "local")
+"""Names of `segment.regions`, which is imported on use."""
+
 _SEED = re.compile(r"[-+]?[\d.][\d.eE+-]*(,[-+]?[\d.][\d.eE+-]*)+")
 
 _EPILOG = """\
@@ -63,6 +66,8 @@ Places and boxes are indices of rows and columns, of volumes of planes, rows and
 
   tspline segment coins.png --mask coins_mask.png --contour coins.svg
   tspline segment 'scans/*.tif' --mask 'out/{stem}_mask.png' --json
+  tspline segment cat.jpg --box 20,30,300,400 --model-kind regions --mask cat_mask.png
+  tspline segment gel.tif --statistics local --labels bands.tif
   tspline segment brain.png --phases 4 --labels classes.tif
   tspline segment cells.png --separate --labels cells_labels.tif
   tspline segment scans --jobs 4 --table sizes.csv --report scans.html
@@ -102,7 +107,9 @@ def build_parser() -> CommandParser:
     kinds.add_argument("--phases", type=int, metavar="K", help="K classes by brightness or colour, 0 the darkest")
     kinds.add_argument("--separate", action="store_true", help="keep touching objects apart, each with its contour")
     solver = parser.add_argument_group("solver")
-    solver.add_argument("--model-kind", choices=("edges", "auto"), default="auto", help="what bounds an object")
+    models = ("edges", "regions", "auto")
+    solver.add_argument("--model-kind", choices=models, default="auto", help="what tells an object")
+    solver.add_argument("--statistics", choices=STATISTICS, default="auto", help="what regions are told apart by")
     solver.add_argument("--depth", type=depth, metavar="N", help="finest T-mesh: 2^N cells along the image")
     solver.add_argument("--solver", choices=("tspline", "grid"), default="tspline", help="which field is evolved")
     add_batch_options(parser)
@@ -165,6 +172,7 @@ def _segment(
         result = segment_image(
             picture.pixels,
             model=options.model_kind,
+            statistics=options.statistics,
             channel_axis=picture.channel_axis,
             spacing=spacing,
             **start,

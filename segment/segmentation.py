@@ -66,25 +66,29 @@ def segment_image(
     phases: int | None = None,
     separate: bool = False,
 ) -> SegmentResult:
-    """Find objects by their edges, as the zero set of one T-spline, or of a field on a grid.
+    """Find objects by their edges or by how they look, as the zero set of one T-spline, or of a field on a grid.
 
     Parameters
     ----------
     image : array_like, shape (rows, cols[, channels]) or (planes, rows, cols[, channels])
         Grey or colour, any integer or floating type or bool; at least 8 pixels a side and not constant. A 3D array
         whose last axis has 3 or 4 entries is a colour image unless `channel_axis` says otherwise, any other a volume.
-    model : "auto" or "edges"
-        The edge model (4.6); region models are not part of this release.
+    model : "auto", "edges" or "regions"
+        What tells an object: the edges around it (4.6), the statistics of its pixels against those of the rest, or
+        edges where a contour explains those of the image and regions else. With "circle" and "box" "auto" means edges,
+        unless `statistics` are named.
     channel_axis : int, optional
-        Axis of the channels; by default the last one of three when it has length 3 or 4.
+        Axis of the channels, 1 to 16; by default the last one of three when it has length 3 or 4, of which a fourth is
+        opacity and left out.
     spacing : float, optional; in volumes also three of them
         Sides of a pixel, in images the same along both axes; the spline's coordinates are `spacing` times the index.
     init : optional
-        Start: None or "auto" (chambers of the edge detector, coloured from the image's border), "circle" (the
-        circumscribed circle, shrinking), "box" (the whole image, shrinking), a box (r0, c0, r1, c1) or a mask that
-        encloses the objects (or lies inside one).
-    seeds : array_like, shape (k, 2), optional
-        Places (row, col) inside the objects wanted; others are left out.
+        Start: None or "auto" (nothing is known), "circle" (the circumscribed circle, shrinking), "box" (the whole
+        image, shrinking), a box (r0, c0, r1, c1), or a mask of any program that encloses the objects, lies inside one
+        or is close to them.
+    seeds : array_like, shape (k, 2), or of integers, shape (rows, cols), optional
+        Places (row, col) inside the objects wanted, or strokes: above 0 on objects, below 0 on the background, 0 where
+        nothing is known. Objects without a seed are left out.
     roi : array_like of bool, shape (rows, cols), optional
         Region of interest; outside it nothing is object.
     max_depth : int, optional
@@ -98,7 +102,10 @@ def segment_image(
     rng : None
         Nothing here is random; accepted for the common signature.
     statistics : str
-        With `phases`: "auto", "means", "gaussian" or "local" (uneven light).
+        How regions are described; naming them means `model="regions"`. "means": two mean colours and one spread (Chan
+        and Vese). "gaussian": means and covariances. "histogram": of up to three channels jointly. "mixture": five
+        normal distributions a side, as in GrabCut. "local": two means under uneven light. "auto": what suits the start
+        and the channels. With `phases` "auto", "means", "gaussian" or "local".
     phases : int, optional
         Number of classes, 2 to 8: the image is parted into that many by brightness or colour, each class with a level
         set of its own; see `SegmentResult.classes`. The class of most of the border is background, all others are
@@ -122,6 +129,11 @@ def segment_image(
     The method follows Yang, Fuchs, Juettler and Scherzer (2005): speed (4.6) with the edge detector (4.7), T-mesh by
     the edges (4.1), final refinement on detected edge points (4.4), with the corrections of docs/MATH. Topology is
     found on a level of about 256 pixels, where noise is averaged away; finer levels give the place.
+
+    Regions are told apart by log p_in - log p_out of each pixel. From "circle" and "box" a contour evolves by region
+    competition (Zhu and Yuille, IEEE Trans. PAMI 18, 1996), beside the attraction to edges, and the statistics with it;
+    holes are cut out where the inside looks like the outside. From all other starts statistics and the best labelling
+    for them (Chan, Esedoglu and Nikolova, SIAM J. Appl. Math. 66, 2006) are found in turn. docs/MATH tells the rest.
     """
     require(model in ("auto", "edges", "regions"), "model", repr(model), "'auto', 'edges' or 'regions'")
     known = ("auto", *STATISTICS)

@@ -102,10 +102,11 @@ def test_results_not_asked_for_are_not_computed(folder: Path, monkeypatch: pytes
 
 def test_options_reach_the_segmentation(folder: Path) -> None:
     write_mask("start.png", np.eye(40, 60, dtype=bool))
-    words = ["--mask", "m{stem}.png", "--model-kind", "edges", "--depth", "5", "--init", "start.png"]
+    words = ["--mask", "m{stem}.png", "--model-kind", "regions", "--depth", "5", "--init", "start.png"]
+    words += ["--statistics", "means"]
     assert main(["segment", *words, "--seeds", "10,20", "3.5,4", "coin.png"]) == 0
     (call,) = calls()
-    assert call["model"] == "edges"
+    assert (call["model"], call["statistics"]) == ("regions", "means")
     assert call["max_depth"] == 5
     assert call["seeds"] == [(10.0, 20.0), (3.5, 4.0)]
     assert call["channel_axis"] is None

@@ -245,7 +245,7 @@ class _Run:
         )
         at = self.base.to_full(np.argwhere(outline).astype(np.float64))
         if len(at) == 0:
-            return TSpline.fit(TMesh.uniform(self.frame.bounds, 3), field)
+            return TSpline.fit(TMesh.uniform(self.frame.bounds, min(3, self.max_depth or 14)), field)
         coarse = self.frame.level(COARSE_CELL * self.scale)
         levels = np.full(len(at), min(coarse, self.max_depth or 14), dtype=np.uint8)
         deepest = min(self.frame.level(3.0 * self.scale), self.max_depth or 14)

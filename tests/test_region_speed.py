@@ -265,6 +265,14 @@ def test_cells_are_halved_where_statistics_contradict_the_contour() -> None:
     assert found.status == 0
 
 
+@pytest.mark.parametrize("depth", [2, 3, 5])
+@pytest.mark.parametrize("init", ["box", "circle", (2, 2, 6, 6)])
+def test_max_depth_is_kept(init: Any, depth: int) -> None:
+    image = np.random.default_rng(depth).random((20, 26))
+    found = segment_image(image, init=init, statistics="gaussian", max_depth=depth)
+    assert found.spline.mesh.depth <= depth
+
+
 # ---------------------------------------------------------------- the same bits
 
 SCRIPT = """

@@ -35,7 +35,10 @@ def beginning(
     if model != "regions":
         inside = chamber_start(edges, start)
         box = start.shrunk_region(coarse.shape) if start.boxed else None
-        if model == "edges" or edges_suffice(edges, inside, box):
+        wanted = start.seeds is not None or start.strokes is not None
+        if model == "edges" or (
+            edges_suffice(edges, inside, box, start.domain(coarse.shape)) and (inside.any() or not wanted)
+        ):
             return Found(inside, coarse)
     if statistics == "auto" and not start.has_place and field_of_view(coarse) is not None:
         # The strongest edge is the frame's, and inside it light is uneven.

@@ -34,17 +34,21 @@ def unexplained(edges: EdgeField, inside: BoolArray, within: BoolArray | None) -
     return float(energy[~near].sum()) / total
 
 
-def edges_suffice(edges: EdgeField, inside: BoolArray, box: BoolArray | None) -> bool:
-    """Whether the contour that the edges give is what the edges of the image are about; there may be none of either."""
-    if not (edges.wall if box is None else edges.wall & box).any():
+def edges_suffice(edges: EdgeField, inside: BoolArray, box: BoolArray | None, domain: BoolArray | None = None) -> bool:
+    """Whether the contour that the edges give is what the edges of the image are about; there may be none of either.
+
+    Only edges in the box, or in the domain, are asked for.
+    """
+    within = domain if box is None else box if domain is None else box & domain
+    if not (edges.wall if within is None else edges.wall & within).any():
         return True
     if not inside.any():
         return box is None
     if box is None:
         colour = edges.level.channels.shape[-1] > 1
-        return unexplained(edges, inside, None) <= (LIMIT if colour else LIMIT_GREY)
+        return unexplained(edges, inside, within) <= (LIMIT if colour else LIMIT_GREY)
     for axis in (0, 1):
         found, whole = int(inside.any(axis=axis).sum()), int(box.any(axis=axis).sum())
         if found < LEAST_SPAN * whole:
             return False
-    return unexplained(edges, inside, box) <= LIMIT
+    return unexplained(edges, inside, within) <= LIMIT

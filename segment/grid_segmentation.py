@@ -19,7 +19,7 @@ from segment.raster import mask_field
 from segment.region_contour import RegionContour
 from segment.start import Start
 from tspline.grid import Grid, GridField
-from tspline.sparse_field import GridRun, MarchStep
+from tspline.sparse_field import GridRun, MarchRecord, MarchStep
 
 __all__ = ["GridSegmentation"]
 
@@ -78,6 +78,11 @@ class GridSegmentation:
         #: What regions say at points, if they were asked.
         self.evidence: Callable[[FloatArray], FloatArray] | None = None
         self.field: GridField
+
+    @property
+    def history(self) -> list[MarchRecord]:
+        """Records of the steps."""
+        return self.run.history
 
     def begin(self) -> None:
         """The topology, on a coarse level."""

@@ -25,6 +25,7 @@ from segment.raster import mask_field
 from segment.region_contour import RegionContour
 from segment.regions import STATISTICS
 from segment.result import SegmentResult
+from segment.square_pixels import SquarePixels
 from segment.start import Start
 from segment.touching import Separation
 from segment.volume import VolumeOptions, is_volume, segment_volume
@@ -80,8 +81,9 @@ def segment_image(
     channel_axis : int, optional
         Axis of the channels, 1 to 16; by default the last one of three when it has length 3 or 4, of which a fourth is
         opacity and left out.
-    spacing : float, optional; in volumes also three of them
-        Sides of a pixel, in images the same along both axes; the spline's coordinates are `spacing` times the index.
+    spacing : float or one a spatial axis, optional
+        Sides of a pixel; the spline's coordinates are `spacing` times the index. An image whose pixels are no squares
+        is segmented on square ones of the smaller side, of which `max_depth`, steps and uncertainties tell.
     init : optional
         Start: None or "auto" (nothing is known), "circle" (the circumscribed circle, shrinking), "box" (the whole
         image, shrinking), a box (r0, c0, r1, c1), or a mask of any program that encloses the objects, lies inside one
@@ -150,14 +152,17 @@ def segment_image(
         require(model != "edges", "model", repr(model), "'auto' or 'regions' for volumes")
         options = VolumeOptions(statistics, phases, bool(separate), max_depth, solver, callback)
         return segment_volume(image, channel_axis, spacing, (init, seeds, roi), options)
-    side = _checked_spacing(spacing)
-    data = ImageData.from_array(image, channel_axis)
+    data = ImageData.from_array(image, channel_axis, spacing)
     start = Start.checked(data.shape, init, seeds, roi)
+    squares = None if data.spacing[0] == data.spacing[1] else SquarePixels(data.shape, data.spacing)
+    if squares is not None:
+        data, start = squares.resampled(data), squares.start(start)
+    side = min(data.spacing)
     separation = Separation(data.channels, start.seeds) if separate else None
     if phases is not None:
         require(solver == "tspline", "solver", repr(solver), "'tspline' with phases")
         require(model != "edges", "model", repr(model), "'auto' or 'regions' with phases")
-        return segmented_into_phases(
+        result = segmented_into_phases(
             data,
             start,
             phases,
@@ -167,30 +172,18 @@ def segment_image(
             callback=callback,
             separation=separation,
         )
+        return result if squares is None else squares.restored(result)
     chosen = model if statistics == "auto" else "regions"
+    run: _Run | GridSegmentation
     if solver == "grid":
-        on_grid = GridSegmentation(data, start, callback, chosen, statistics)
-        on_grid.begin()
-        on_grid.polish()
-        found = Found(on_grid.status, on_grid.run.history, on_grid.warnings, on_grid.uncertainty)
-        return assembled(on_grid.field, data.shape, side, found, separation)
-    run = _Run(data, start, max_depth, callback, chosen, statistics)
+        run = GridSegmentation(data, start, callback, chosen, statistics)
+    else:
+        run = _Run(data, start, max_depth, callback, chosen, statistics)
     run.begin()
     run.polish()
     found = Found(run.status, run.history, run.warnings, run.uncertainty)
-    return assembled(run.spline, data.shape, side, found, separation)
-
-
-def _checked_spacing(spacing: float | Sequence[float] | None) -> float:
-    if spacing is None:
-        return 1.0
-    try:
-        values = np.atleast_1d(np.asarray(spacing, dtype=np.float64))
-    except (TypeError, ValueError):
-        values = np.empty(0)
-    same = values.size in (1, 2) and bool(np.isfinite(values).all()) and bool((values == values[0]).all())
-    require(same and float(values[0]) > 0, "spacing", repr(spacing), "one positive length for both axes")
-    return float(values[0])
+    result = assembled(run.field, data.shape, side, found, separation)
+    return result if squares is None else squares.restored(result)
 
 
 class _Run:
@@ -218,6 +211,11 @@ class _Run:
         self.status = 0
         self.uncertainty: tuple[FloatArray, FloatArray] | None = None
         self.spline: TSpline
+
+    @property
+    def field(self) -> TSpline:
+        """The level set now."""
+        return self.spline
 
     @property
     def scale(self) -> int:

@@ -82,12 +82,13 @@ class Start:
         return self.region is not None or self.seeds is not None or self.strokes is not None
 
     def outside(self, shape: tuple[int, int]) -> BoolArray | None:
-        """What is known to be outside, at a level of the given shape; None when nothing is."""
-        if self.region is None and self.roi is None and self.strokes is None:
+        """What encloses the objects for sure, at a level of the given shape; None when nothing does.
+
+        Strokes do not: there may be one on another object, which is no part of the ground.
+        """
+        if self.region is None and self.roi is None:
             return None
         known = np.zeros(shape, dtype=bool)
-        if self.strokes is not None:
-            known |= self.shrunk_strokes(shape) < 0
         for part in (self.region, self.roi):
             if part is not None:
                 known |= ~_shrunk(part, shape)

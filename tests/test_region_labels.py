@@ -172,6 +172,19 @@ def test_strokes_are_heeded(solver: str) -> None:
     assert iou(found.mask, (two < 0) & (ROWS + COLUMNS < N)) > 0.9
 
 
+@pytest.mark.parametrize("model", ["auto", "edges"])
+def test_strokes_and_regions_of_interest_leave_a_drawing_to_its_edges(model: str) -> None:
+    two = np.minimum(np.hypot(ROWS - 30, COLUMNS - 28) - 15, np.hypot(ROWS - 66, COLUMNS - 68) - 16)
+    strokes = np.zeros((N, N), np.int8)
+    strokes[28:33, 24:32], strokes[64:67, 66:70] = 1, -1
+    roi = np.hypot(ROWS - 30, COLUMNS - 28) < 24
+    plain = segment_image(drawing(two), model, seeds=[(30, 28)])
+    for options in ({"seeds": strokes}, {"roi": roi}):
+        found = segment_image(drawing(two), model, **options)
+        assert found.num_components == 1
+        assert iou(found.mask, plain.mask) > 0.99
+
+
 def test_regions_of_interest_and_seeds_are_heeded() -> None:
     two = np.minimum(np.hypot(ROWS - 30, COLUMNS - 28) - 15, np.hypot(ROWS - 66, COLUMNS - 68) - 16)
     first = (two < 0) & (ROWS + COLUMNS < N)

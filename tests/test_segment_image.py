@@ -383,7 +383,7 @@ def test_unusable_images_are_refused(image: Any, found: str) -> None:
         ("init", (0, 0, np.nan, 5)), ("init", np.zeros((N, N), bool)), ("init", np.ones((N, N), bool)),
         ("init", np.ones((3, 3), bool)), ("seeds", [(500, 3)]), ("seeds", [(np.nan, 3)]), ("seeds", [1, 2, 3]),
         ("seeds", []), ("seeds", "here"), ("roi", np.ones((3, 3), bool)), ("roi", np.zeros((N, N), bool)),
-        ("spacing", 0.0), ("spacing", -1.0), ("spacing", (1.0, 2.0)), ("spacing", np.nan), ("spacing", "wide"),
+        ("spacing", 0.0), ("spacing", -1.0), ("spacing", (1.0, 2.0, 1.0)), ("spacing", np.nan), ("spacing", "wide"),
         ("max_depth", 1), ("max_depth", 15), ("max_depth", 2.5), ("max_depth", True), ("channel_axis", 5),
         ("callback", 3),
     ],

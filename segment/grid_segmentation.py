@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from segment.carving import carved
-from segment.edge_targets import Targets, edge_targets
+from segment.edge_targets import EdgeSearch, Targets
 from segment.edges import EdgeField, detect_edges
 from segment.frame import ImageFrame
 from segment.image_data import ImageData
@@ -58,6 +58,7 @@ class GridSegmentation:
         self.start = start
         self.frame = ImageFrame.around(data.shape, self.levels[-1].scale, circle=start.kind == "circle")
         self.run = GridRun(callback)
+        self.search = EdgeSearch(self.frame.shape)
         self.warnings: list[str] = []
         self.status = 0
         self.uncertainty: tuple[FloatArray, FloatArray] | None = None
@@ -132,7 +133,7 @@ class GridSegmentation:
         ahead = np.vstack([np.roll(line, -1, axis=0) for line in lines])
         at = 0.5 * (here + ahead)
         shares = np.linalg.norm(ahead - here, axis=1)
-        return edge_targets(self.field, level, reach, at, self.field.normals(at), shares, self.frame.shape)
+        return self.search(self.field, level, reach, at, self.field.normals(at), shares)
 
     def _grid(self, scale: int) -> Grid:
         """Nodes at the centres of pixels of side `scale`, over the whole frame."""

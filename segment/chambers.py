@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from segment.edges import EdgeField
+from segment.raster import depth
 from segment.region_graph import RegionGraph
 from tspline.errors import require
 
@@ -29,6 +30,9 @@ __all__ = [
 ]
 
 BoolArray = NDArray[np.bool_]
+
+#: Depth of a wall without a chamber in it, edge widths, from which it is an object and no line: those have 2.
+SOLID = 3.0
 
 
 @dataclass(frozen=True)
@@ -118,7 +122,11 @@ def find_chambers(edge_field: EdgeField, parameters: ChamberParameters | None = 
     renumber = np.zeros(count, np.int32)
     renumber[large] = np.arange(1, int(large.sum()) + 1)
     seeds = renumber[pieces]
-    areas = np.concatenate([[0], stats[large, cv2.CC_STAT_AREA]]).astype(np.int64)
+    solid = _solid_walls(seeds, SOLID * _edge_width(edge_field))
+    added, middles = cv2.connectedComponents(solid.astype(np.uint8), connectivity=8)
+    seeds = np.where(middles > 0, middles + int(large.sum()), seeds)
+    areas = np.bincount(seeds.ravel(), minlength=int(large.sum()) + added).astype(np.int64)
+    areas[0] = 0
     core = seeds > 0
     if areas.size == 1:
         return Chambers(seeds, core, areas, RegionGraph.empty(edge_field.smoothed.shape[2]))
@@ -238,6 +246,31 @@ def _without_specks(mask: BoolArray, least_area: float) -> BoolArray:
 def _edge_width(edge_field: EdgeField) -> float:
     """Standard deviation of the profile across an edge, pixels: filter and image blur together."""
     return float(np.hypot(edge_field.sigma, edge_field.blur))
+
+
+def _solid_walls(seeds: NDArray[np.int32], least: float) -> BoolArray:
+    """Middles of the walls that are deeper than `least` pixels and surround no chamber: small objects, all edge.
+
+    Walls go on beyond the image's border.
+    """
+    wall = np.pad(seeds == 0, int(np.ceil(least)), mode="edge")
+    inner = (slice(int(np.ceil(least)), -int(np.ceil(least))),) * 2
+    deep = depth(wall)[inner]
+    count, pieces = cv2.connectedComponents((seeds == 0).astype(np.uint8), connectivity=8)
+    deepest = np.zeros(count)
+    np.maximum.at(deepest, pieces.ravel(), deep.ravel())
+    # The chambers beside each piece: one only, if the least and the largest label around it are the same.
+    around = np.ones((3, 3), np.uint8)
+    largest = cv2.dilate(seeds.astype(np.float32), around)
+    smallest = -cv2.dilate(np.where(seeds > 0, -seeds, -np.float32(seeds.max() + 1)).astype(np.float32), around)
+    beside = (seeds == 0) & (largest > 0)
+    low, high = np.full(count, np.inf), np.zeros(count)
+    np.minimum.at(low, pieces[beside], smallest[beside])
+    np.maximum.at(high, pieces[beside], largest[beside])
+    solid = (deepest >= least) & (low == high)
+    solid[0] = False
+    middle: BoolArray = solid[pieces] & (deep >= deepest[pieces] - 1.0)
+    return middle
 
 
 def _nearest_core_pixel(core: BoolArray) -> NDArray[np.int64]:

@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from segment.edge_targets import LEAST_UNCERTAINTY, Targets, edge_targets
+from segment.edge_targets import LEAST_UNCERTAINTY, EdgeSearch, Targets
 from segment.frame import ImageFrame
 from segment.problem import refinement
 from segment.pyramid import PyramidLevel
 from tspline import TSpline, _core
 from tspline.evolve import EvolutionStep, Polish, PolishOptions, StepRecord, zero_set_samples
 from tspline.evolve.evolution import Callback
+from tspline.speed import robust_scale
 
 __all__ = ["ContourFit"]
 
 FloatArray = NDArray[np.float64]
+
+#: Edge points whose mean residual tells misfit from noise.
+NEIGHBOURS = 8
+#: Steps end when the contour moves by less, in sides of the smallest cell: another search follows, or noise is larger.
+RESTING = 0.01
+#: Part of an edge point's deviation that is left in the contour, which passes between its neighbours, at a smoothing
+#: of one pixel; wider ones leave more, as neighbours share more of their noise.
+AVERAGED = 0.6
 
 
 class ContourFit:
@@ -28,16 +35,17 @@ class ContourFit:
         self,
         frame: ImageFrame,
         spline: TSpline,
+        search: EdgeSearch,
         callback: Callback | None = None,
         max_depth: int = 14,
-        evidence: Callable[[FloatArray], FloatArray] | None = None,
     ) -> None:
-        self.evidence = evidence
         self.frame = frame
         self.spline = spline
         self.callback = callback
         self.max_depth = max_depth
         self.stopped = False
+        self.search = search
+        self._last: tuple[PyramidLevel, Targets] | None = None
         self._system: _core.System | None = None
         self._mesh: _core.TMesh | None = None
         self.history: list[StepRecord] = []
@@ -63,13 +71,16 @@ class ContourFit:
         """
         targets = None
         for k in range(rounds):
+            if self._last is not None:
+                self._split(*self._last)
             targets = self.targets(level, max(reach / 2**k, 1.5))
             if targets is None or not targets.found.any():
                 return targets
             self._polish(level, targets, first)
+            self._judge(level, targets)
+            self._last = level, targets
             if self.stopped:
                 return targets
-            self._split(level, targets)
         return targets
 
     def targets(self, level: PyramidLevel, reach: float) -> Targets | None:
@@ -77,14 +88,41 @@ class ContourFit:
         samples = zero_set_samples(self.spline)
         if len(samples) == 0:
             return None
-        shape = self.frame.shape
-        at, normals = samples.points, samples.normals
-        return edge_targets(self.spline, level, reach, at, normals, samples.weights, shape, self.evidence)
+        return self.search(self.spline, level, reach, samples.points, samples.normals, samples.weights)
+
+    def uncertainty(self, targets: Targets) -> FloatArray:
+        """Standard deviation of the contour at each target, pixels of the full image; infinite without an edge.
+
+        The noise of the edge points, or their scatter where edges are rougher than that, of which the contour takes the
+        mean over some of them; what is left between them and the contour; and the drawing's own doubt.
+        """
+        found, result = targets.found, np.full(len(targets.found), np.inf)
+        if found.any():
+            left = self._residuals(targets.points[found])
+            part = min(AVERAGED * np.sqrt(self.search.sigma), 1.0) * max(self.search.scatter or 1.0, 1.0)
+            known = part * targets.uncertainty[found]
+            result[found] = np.sqrt(known**2 + left**2 + targets.doubt[found] ** 2)
+        return result
+
+    def _judge(self, level: PyramidLevel, targets: Targets) -> None:
+        """How far the edge points scatter about the contour, for their noise: 1 or less unless edges are rough."""
+        points = targets.points[targets.found]
+        slope = np.linalg.norm(self.spline.gradient(points), axis=1)
+        noise = np.maximum(targets.uncertainty[targets.found], LEAST_UNCERTAINTY * level.scale)
+        self.search.scatter = robust_scale(self.spline(points) / (np.maximum(slope, 0.1) * noise))
+
+    def _residuals(self, points: FloatArray) -> FloatArray:
+        """Mean signed distance to the contour of each point and the points around it."""
+        value = self.spline(points)
+        slope = np.linalg.norm(self.spline.gradient(points), axis=1)
+        near = cKDTree(points).query(points, k=min(NEIGHBOURS, len(points)))[1].reshape(len(points), -1)
+        mean: FloatArray = (value / np.maximum(slope, 0.1))[near].mean(axis=1)
+        return mean
 
     def _polish(self, level: PyramidLevel, targets: Targets, first: int) -> None:
         core = self.spline.mesh.core
         system = self._system if self._system is not None and self._mesh is core else None
-        options = PolishOptions(constraint_weight=0.1, max_steps=3)
+        options = PolishOptions(constraint_weight=0.1, max_steps=3, tolerance=RESTING)
         polish = Polish.onto(self.spline, refinement(level, targets), options, system)
         self._system, self._mesh = polish.system, core
         before = len(self.history)
@@ -98,15 +136,12 @@ class ContourFit:
     def _split(self, level: PyramidLevel, targets: Targets) -> None:
         """Halve the cells where the mean residual of neighbouring edge points is more than their uncertainty."""
         points = targets.points[targets.found]
-        if len(points) < 8:
+        if len(points) < NEIGHBOURS:
             return
-        value = self.spline(points)
-        slope = np.linalg.norm(self.spline.gradient(points), axis=1)
-        residual = value / np.maximum(slope, 0.1)
-        near = cKDTree(points).query(points, k=8)[1]
+        near = cKDTree(points).query(points, k=NEIGHBOURS)[1]
         spread = np.maximum(targets.uncertainty[targets.found], LEAST_UNCERTAINTY * level.scale)
-        mean = np.abs(residual[near].mean(axis=1))
-        allowed = 3.0 * np.sqrt((spread[near] ** 2).sum(axis=1)) / near.shape[1] + 0.05 * level.scale
+        mean = np.abs(self._residuals(points))
+        allowed = 3.0 * np.sqrt((spread[near] ** 2).sum(axis=1)) / NEIGHBOURS + 0.05 * level.scale
         mesh = self.spline.mesh
         deepest = min(self.frame.level(3.0 * level.scale), self.max_depth)
         here = mesh.levels[np.maximum(mesh.locate(points), 0)]

@@ -61,6 +61,9 @@ class NormalEdges:
         Sign of the brightness change along the normal: +1 brighter outward, -1 darker, 0 none found.
     uncertainty : ndarray, shape (k,)
         Standard deviation of the offset that the image noise causes, pixels; inf where none was found.
+    breadth : ndarray, shape (k,)
+        Standard deviation of the profile of the slope along the normal, pixels, filter included; NaN where none was
+        found.
     """
 
     offsets: FloatArray
@@ -69,6 +72,7 @@ class NormalEdges:
     strength: FloatArray
     rise: FloatArray
     uncertainty: FloatArray
+    breadth: FloatArray
 
 
 def edge_points(level: PyramidLevel, band: ArrayLike, *, sigma: float = 1.5, least_strength: float = 5.0) -> EdgePoints:
@@ -136,7 +140,6 @@ def refine_along_normals(
     *,
     sigma: float = 1.5,
     least_strength: float = 4.0,
-    curvatures: ArrayLike | None = None,
 ) -> NormalEdges:
     """Find the strongest edge along each normal of a contour.
 
@@ -153,9 +156,6 @@ def refine_along_normals(
         Standard deviation of the Gaussian, pixels of the level.
     least_strength : float, default 4
         Least derivative over its own noise.
-    curvatures : array_like, shape (k,), optional
-        kappa = div n of the contour, 1 / pixel: puts right the shift sigma^2 kappa / 2 of the steepest place
-        toward the centre of curvature. By default the contour counts as straight.
 
     Returns
     -------
@@ -165,6 +165,12 @@ def refine_along_normals(
     ------
     InvalidArgumentError
         If the shapes do not fit or the reach is not positive.
+
+    Notes
+    -----
+    The edge is where the smoothed image is steepest: off the image's own edge where that is curved, by about
+    (sigma^2 + b^2) kappa / 2 toward the centre with the image's blur b, and near corners and other edges.
+    `EdgeSearch` puts this right.
     """
     at, along = np.asarray(points, np.float64), np.asarray(normals, np.float64)
     require(at.ndim == 2 and at.shape[1] == 2, "points", f"shape {at.shape}", "shape (k, 2)")
@@ -172,7 +178,7 @@ def refine_along_normals(
     require(bool(np.isfinite(reach)) and reach > 0, "reach", reach, "a positive number of pixels")
     count = at.shape[0]
     offsets, strength, rise = np.full(count, np.nan), np.zeros(count), np.zeros(count)
-    uncertainty = np.full(count, np.inf)
+    uncertainty, breadth = np.full(count, np.inf), np.full(count, np.nan)
     if count:
         image = SmoothedImage.around(image_level, at, sigma, reach)
         noise = max(image.slope_noise, LEAST_NOISE)
@@ -186,10 +192,9 @@ def refine_along_normals(
         offsets[rows], strength[rows] = offset[good], slope[good] / noise
         rise[rows] = np.where(colour[good].sum(1) < 0, -1.0, 1.0)
         uncertainty[rows] = max(image.bend_noise, LEAST_NOISE) / -bend[good]
-        if curvatures is not None:
-            offsets += 0.5 * (image.width**2 + PIXEL_VARIANCE) * np.asarray(curvatures, np.float64)
+        breadth[rows] = np.sqrt(slope[good] / -bend[good])
     edges = at + offsets[:, np.newaxis] * along
-    return NormalEdges(offsets, edges, np.isfinite(offsets), strength, rise, uncertainty)
+    return NormalEdges(offsets, edges, np.isfinite(offsets), strength, rise, uncertainty, breadth)
 
 
 def _band_pixels(level: PyramidLevel, band: ArrayLike) -> FloatArray:

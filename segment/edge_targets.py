@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from segment.edge_points import refine_along_normals
+from segment.drawing import drawn
+from segment.edge_points import NormalEdges, refine_along_normals
 from segment.pyramid import PyramidLevel
 from tspline.field import LevelSet
 
-__all__ = ["LEAST_UNCERTAINTY", "Targets", "along_border", "edge_targets"]
+__all__ = ["LEAST_UNCERTAINTY", "EdgeSearch", "Targets", "along_border"]
 
 FloatArray = NDArray[np.float64]
 
@@ -24,6 +25,17 @@ LEAST_UNCERTAINTY = 0.03
 SWEPT, NEAR = (0.125, 0.375, 0.625, 0.875), 0.75
 #: Distance of the places along the contour, level pixels.
 APART = 0.75
+#: Smoothing before edges are looked for: in proportion to the image's own blur, level pixels at least.
+MATCHED, LEAST_SIGMA, LARGEST_SIGMA = 1.25, 1.0, 4.0
+#: Edge points that scatter about the contour by this multiple of their noise are rough. Drawings have up to 1.3,
+#: photographs from 1.8 on. Rough edges are smoothed by that many level pixels at least.
+ROUGH, ROUGH_SIGMA = 1.5, 1.5
+#: What a drawing's shifts may be wrong by: a part of themselves, and level pixels.
+DOUBT, DRAWN = 0.2, 0.01
+#: Variances of profiles that differ by less, in squared reaches of the search, count as the same.
+DRAWN_ALIKE = 0.03
+#: Drawings a search at most, each with the blur that the one before lacked.
+DRAWINGS = 3
 
 
 @dataclass(frozen=True)
@@ -40,12 +52,15 @@ class Targets:
         Standard deviation along the normal, pixels; infinite where none was found.
     found : ndarray of bool, shape (k,)
         Whether an edge was found.
+    doubt : ndarray, shape (k,)
+        Standard deviation of what was put right because edges are curved, blurred or close together, pixels.
     """
 
     points: FloatArray
     weights: FloatArray
     uncertainty: FloatArray
     found: NDArray[np.bool_]
+    doubt: FloatArray
 
     @property
     def spread(self) -> float:
@@ -53,51 +68,125 @@ class Targets:
         return float(np.median(self.uncertainty[self.found]))
 
 
-def edge_targets(
-    field: LevelSet,
-    level: PyramidLevel,
-    reach: float,
-    at: FloatArray,
-    normals: FloatArray,
-    shares: FloatArray,
-    shape: tuple[int, int],
-    evidence: Callable[[FloatArray], FloatArray] | None = None,
-) -> Targets:
-    """Edge points along the normals of a contour.
+class EdgeSearch:
+    """Finds the edges beside a contour, from search to search; remembers how blurred they are.
+
+    The steepest place of a blurred edge does not lie on the edge where the edge is curved, has a corner or another edge
+    beside it. How far off it lies is seen on a drawing: the image that the contour itself would make, as blurred as the
+    image is. As the contour comes to rest, the drawing's steepest places lie where the image's do.
 
     Parameters
     ----------
-    field : LevelSet
-        Whose zero set is the contour; index coordinates of the full image.
-    level : PyramidLevel
-        Image to look for edges in.
-    reach : float
-        How far from the contour, level pixels.
-    at, normals : ndarray, shape (m, 2)
-        Samples of the contour, in order along it, and its unit normals there.
-    shares : ndarray, shape (m,)
-        Length that each stands for.
     shape : tuple of int
         Rows and columns of the image.
+    blur : float
+        Standard deviation of the image's own blur, the pixel's area not counted, as far as known; pixels of the full
+        image.
     evidence : callable, optional
         log p_in - log p_out at points (k, 2): an edge that the contour would reach against it is another's.
+
+    Attributes
+    ----------
+    scatter : float or None
+        Deviation of the edge points from the contour that was fitted to them, over their noise; None before the first.
+    sigma : float
+        Smoothing of the last search, pixels of its level.
+    blur : float
+        The same at the edges last found.
+    sharpest : float
+        The same for a tenth of them.
     """
-    scale = level.scale
-    kept = _thinned(shares, APART * scale)
-    at, normals = at[kept], normals[kept]
-    curvatures = np.clip(field.curvatures(at) * scale, -0.25, 0.25)
-    edges = refine_along_normals(level, level.from_full(at), normals, reach, curvatures=np.nan_to_num(curvatures))
-    along = along_border(at, shape)
-    found = edges.found & ~along
-    if evidence is not None:
-        offsets = np.nan_to_num(edges.offsets)
-        found &= (np.abs(offsets) <= NEAR) | _borne_out(at, normals, offsets * scale, evidence)
-    points = np.where(found[:, None], level.to_full(np.nan_to_num(edges.points)), at)
-    uncertainty = np.where(found, edges.uncertainty, np.inf) * scale
-    sure = np.maximum(edges.uncertainty, LEAST_UNCERTAINTY)
-    weights = np.where(found, np.minimum((0.1 / sure) ** 2, 1.0), HOLD)
-    weights[along] = 1.0
-    return Targets(points, weights, uncertainty, found)
+
+    def __init__(
+        self,
+        shape: tuple[int, int],
+        blur: float = 0.0,
+        evidence: Callable[[FloatArray], FloatArray] | None = None,
+    ) -> None:
+        self.shape, self.evidence = shape, evidence
+        self.blur = self.sharpest = blur
+        self.scatter: float | None = None
+        self.sigma = ROUGH_SIGMA
+
+    @property
+    def rough(self) -> bool:
+        """Whether the edges are rougher than the noise makes them: textured, or not known yet."""
+        return self.scatter is None or self.scatter > ROUGH
+
+    def __call__(
+        self,
+        field: LevelSet,
+        level: PyramidLevel,
+        reach: float,
+        at: FloatArray,
+        normals: FloatArray,
+        shares: FloatArray,
+    ) -> Targets:
+        """Edge points along the normals of a contour.
+
+        Parameters
+        ----------
+        field : LevelSet
+            Whose zero set is the contour; index coordinates of the full image.
+        level : PyramidLevel
+            Image to look for edges in.
+        reach : float
+            How far from the contour, level pixels.
+        at, normals : ndarray, shape (m, 2)
+            Samples of the contour, in order along it, and its unit normals there.
+        shares : ndarray, shape (m,)
+            Length that each stands for.
+        """
+        scale = level.scale
+        kept = _thinned(shares, APART * scale)
+        at, normals = at[kept], normals[kept]
+        places = level.from_full(at)
+        least = ROUGH_SIGMA if self.rough else LEAST_SIGMA
+        self.sigma = float(np.clip(MATCHED * self.blur / scale, least, LARGEST_SIGMA))
+        edges = refine_along_normals(level, places, normals, reach, sigma=self.sigma)
+        along = along_border(at, self.shape)
+        found = edges.found & ~along
+        if self.evidence is not None:
+            way = np.where(found, edges.offsets, 0.0)
+            found &= (np.abs(way) <= NEAR) | _borne_out(at, normals, way * scale, self.evidence)
+        points, shifts = at, np.zeros(len(at))
+        if found.any():
+            shifts = self._shifts(field, level, places, normals, edges)
+            offsets = np.where(found, edges.offsets, 0.0) - shifts
+            points = np.where(found[:, np.newaxis], level.to_full(places + offsets[:, np.newaxis] * normals), at)
+        uncertainty = np.where(found, edges.uncertainty, np.inf) * scale
+        sure = np.maximum(edges.uncertainty, LEAST_UNCERTAINTY)
+        weights = np.where(found, np.minimum((0.1 / sure) ** 2, 1.0), HOLD)
+        weights[along] = 1.0
+        return Targets(points, weights, uncertainty, found, (DOUBT * np.abs(shifts) + DRAWN) * scale)
+
+    def _shifts(
+        self,
+        field: LevelSet,
+        level: PyramidLevel,
+        places: FloatArray,
+        normals: FloatArray,
+        edges: NormalEdges,
+    ) -> FloatArray:
+        """How far off the contour the steepest places of its drawing lie; 0 where it has none. Sets the blur."""
+        lines = field.to_polylines()
+        seen = edges.breadth[edges.found] ** 2
+        reach = 1.0 + float(np.sqrt(np.median(seen)))
+        blur = self.blur / level.scale
+        for _ in range(DRAWINGS):
+            drawing = drawn(field, lines, level, blur)
+            own = refine_along_normals(drawing, places, normals, reach, sigma=self.sigma)
+            both = edges.found & own.found
+            if not both.any():
+                return np.zeros(len(places))
+            # Variances add up, whatever the edges' shape: what the image's profiles have more is its blur.
+            lacking = float(np.median(edges.breadth[both] ** 2) - np.median(own.breadth[both] ** 2))
+            before, blur = blur, float(np.sqrt(max(blur**2 + lacking, 0.0)))
+            if abs(blur**2 - before**2) < DRAWN_ALIKE * reach**2:
+                break
+        spare = float(np.percentile(seen, 10.0) - np.median(seen))
+        self.blur, self.sharpest = blur * level.scale, float(np.sqrt(max(blur**2 + spare, 0.0))) * level.scale
+        return np.where(own.found, own.offsets, 0.0)
 
 
 def _borne_out(

@@ -21,6 +21,8 @@ CHANNEL_FACTOR = (1.0, 1.0, 1.13, 1.22)
 # beyond 4 pixels a coarser level serves better.
 MATCHED_BLUR = 0.75
 LARGEST_SIGMA = 4.0
+# `EdgeField.blur` of a sharp step.
+SHARP = 0.65
 # Ridge ratio below which structures count as thin; a single sharp step has 0.51 to 0.58.
 THIN_RATIO = 0.47
 
@@ -105,6 +107,11 @@ class EdgeField:
         """Where g < 1/2, shape (h, w)."""
         wall: NDArray[np.bool_] = self.g < 0.5
         return wall
+
+    @property
+    def blur_of_image(self) -> float:
+        """The blur that sharp edges do not have, pixels of the level."""
+        return float(np.sqrt(max(self.blur**2 - SHARP**2, 0.0)))
 
     def sample(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Interpolate g and its gradient bilinearly.

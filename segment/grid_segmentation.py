@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from segment.beginning import beginning
 from segment.carving import carved
-from segment.edge_targets import Targets, edge_targets
+from segment.edge_targets import EdgeSearch, Targets
 from segment.edges import EdgeField, detect_edges
 from segment.frame import ImageFrame
 from segment.image_data import ImageData
@@ -72,11 +72,10 @@ class GridSegmentation:
         self.start = start
         self.frame = ImageFrame.around(data.shape, self.levels[-1].scale, circle=start.kind == "circle")
         self.run = GridRun(callback)
+        self.search = EdgeSearch(self.frame.shape)
         self.warnings: list[str] = []
         self.status = 0
         self.uncertainty: tuple[FloatArray, FloatArray] | None = None
-        #: What regions say at points, if they were asked.
-        self.evidence: Callable[[FloatArray], FloatArray] | None = None
         self.field: GridField
 
     @property
@@ -92,7 +91,7 @@ class GridSegmentation:
         else:
             found = beginning(self.levels, edges, self.start, self.model, self.statistics)
             self.base, scale = found.level, found.level.scale
-            self.evidence = None if found.evidence is None else found.told
+            self.search.evidence = None if found.evidence is None else found.told
             self.status = 0 if found.inside.any() else 2
             self.field = self._gridded(mask_field(found.inside, scale), scale)
         if self.status != 3 and self.run.tell(self.field, "evolve"):
@@ -126,7 +125,7 @@ class GridSegmentation:
             self.field, self.status = self.run.solve(problem, self.field)
             if self.status in (2, 3):
                 return
-            self.evidence = contour.told
+            self.search.evidence = contour.told
             inside = contour.carved(contour.inside(self.field))
             if inside is not None and not inside.any():
                 self.status = 2
@@ -173,9 +172,7 @@ class GridSegmentation:
         ahead = np.vstack([np.roll(line, -1, axis=0) for line in lines])
         at = 0.5 * (here + ahead)
         shares = np.linalg.norm(ahead - here, axis=1)
-        return edge_targets(
-            self.field, level, reach, at, self.field.normals(at), shares, self.frame.shape, self.evidence
-        )
+        return self.search(self.field, level, reach, at, self.field.normals(at), shares)
 
     def _grid(self, scale: int) -> Grid:
         """Nodes at the centres of pixels of side `scale`, over the whole frame."""

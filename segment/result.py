@@ -47,8 +47,9 @@ class SegmentResult:
     contour_flags : list of ndarray of bool, shape (m,)
         True where a contour runs along the image's border because the object is cut by it.
     contour_uncertainty : list of ndarray, shape (m,)
-        Standard deviation of the contour's position that the image noise causes, pixels; infinite where no edge was
-        found.
+        Standard deviation of the contour's position, pixels: from the edge's strength against the noise, or from how
+        the edge points scatter where that is more, and from what is left between them and the contour; infinite where
+        no edge was found.
     field : TSpline or GridField
         The level set, f < 0 inside, array-axis order: origin + spacing * index. What the solver made.
     success : bool

@@ -79,30 +79,36 @@ class SmoothedImage:
         -------
         ndarray, shape (..., c)
         """
+        return self._derivatives(points, (order,))[0]
+
+    def gradient(self, points: FloatArray) -> FloatArray:
+        """Gradient of every channel, shape (..., c, 2)."""
+        return np.stack(self._derivatives(points, ((1, 0), (0, 1))), axis=-1)
+
+    def hessian(self, points: FloatArray) -> FloatArray:
+        """Second derivatives (rr, rc, cc) of every channel, shape (..., c, 3)."""
+        return np.stack(self._derivatives(points, ((2, 0), (1, 1), (0, 2))), axis=-1)
+
+    def _derivatives(self, points: FloatArray, orders: tuple[tuple[int, int], ...]) -> list[FloatArray]:
+        """Partial derivatives of several orders, shape (..., c) each; the pixels are fetched once."""
         local = points - self.corner
         cell = np.floor(local).astype(np.int64)
         fraction = local - cell
         height, width, channels = self.values.shape
-        row_weights = _spline_weights(fraction[..., 0], order[0])
-        column_weights = _spline_weights(fraction[..., 1], order[1])
+        weights = [
+            (_spline_weights(fraction[..., 0], rows), _spline_weights(fraction[..., 1], columns))
+            for rows, columns in orders
+        ]
         flat = self.values.reshape(-1, channels)
-        result = np.zeros((*points.shape[:-1], channels))
+        results = [np.zeros((*points.shape[:-1], channels)) for _ in orders]
         columns = [np.clip(cell[..., 1] + j - 1, 0, width - 1) for j in range(4)]
         for i in range(4):
             start = np.clip(cell[..., 0] + i - 1, 0, height - 1) * width
-            line = np.zeros_like(result)
-            for j in range(4):
-                line += column_weights[j][..., np.newaxis] * flat[start + columns[j]]
-            result += row_weights[i][..., np.newaxis] * line
-        return result
-
-    def gradient(self, points: FloatArray) -> FloatArray:
-        """Gradient of every channel, shape (..., c, 2)."""
-        return np.stack([self.derivative(points, (1, 0)), self.derivative(points, (0, 1))], axis=-1)
-
-    def hessian(self, points: FloatArray) -> FloatArray:
-        """Second derivatives (rr, rc, cc) of every channel, shape (..., c, 3)."""
-        return np.stack([self.derivative(points, o) for o in ((2, 0), (1, 1), (0, 2))], axis=-1)
+            pixels = [flat[start + column] for column in columns]
+            for result, (along, across) in zip(results, weights, strict=True):
+                line = sum(across[j][..., np.newaxis] * pixels[j] for j in range(4))
+                result += along[i][..., np.newaxis] * line
+        return results
 
 
 def _spline_weights(t: FloatArray, order: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

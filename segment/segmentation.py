@@ -14,6 +14,7 @@ from segment.assembly import Found, assembled
 from segment.beginning import beginning
 from segment.carving import carved
 from segment.contour_fit import ContourFit
+from segment.edge_targets import EdgeSearch
 from segment.edges import EdgeField, detect_edges
 from segment.frame import ImageFrame
 from segment.grid_segmentation import GridSegmentation
@@ -48,6 +49,11 @@ EVOLVE_CELL = 6.0
 REGION_CELL = 10.0
 #: Rounds in which cells are halved where region statistics contradict the contour, and steps after each.
 HALVINGS, FURTHER_STEPS = 2, 100
+#: Where the sharpest edges are blurred by more than that many pixels of a level, finer levels show nothing more.
+RESOLVED = 3.0
+#: Searches for edges on the finest level used, after the first; one where edges are rough or
+#: where coarser levels came before.
+LAST_SEARCHES = 2
 
 
 def segment_image(
@@ -208,6 +214,8 @@ class _Run:
         self.frame = ImageFrame.around(data.shape, self.levels[-1].scale, circle=start.kind == "circle")
         self.history: list[StepRecord] = []
         self.warnings: list[str] = []
+        #: Standard deviation of the image's own blur at its strong edges, as far as the coarsest level shows it.
+        self.blur = 0.0
         self.status = 0
         self.uncertainty: tuple[FloatArray, FloatArray] | None = None
         self.spline: TSpline
@@ -225,6 +233,7 @@ class _Run:
     def begin(self) -> None:
         """The topology, on the coarsest level."""
         edges = detect_edges(self.levels[-1], None)
+        self.blur = edges.blur_of_image * self.levels[-1].scale
         if self.start.kind in ("circle", "box"):
             self._evolve(edges)
             return
@@ -326,15 +335,21 @@ class _Run:
         """The place, from the coarsest level to the full image."""
         if self.status in (2, 3):
             return
-        fit = ContourFit(self.frame, self.spline, self._told, self.max_depth or 14, self.evidence)
-        for k, level in enumerate(reversed(self.levels[: self.base.index + 1])):
-            if self.status == 3:
-                break
-            # Two searches where nothing finer follows; before that one brings the contour within reach of the next.
-            rounds = 2 if level.index == 0 else 1
-            targets = fit.run(level, 4.0 if k == 0 else 2.5, rounds, len(self.history))
+        search = EdgeSearch(self.frame.shape, self.blur, self.evidence)
+        fit = ContourFit(self.frame, self.spline, search, self._told, self.max_depth or 14)
+        reach = 4.0
+        for level in reversed(self.levels[: self.base.index + 1]):
+            # One search brings the contour within reach of the next level's; where none follows it comes to rest.
+            targets = fit.run(level, reach, 1, len(self.history))
+            resolved = level.index == 0 or search.sharpest > RESOLVED * level.scale
+            if resolved and targets is not None and self.status != 3:
+                searches = 1 if search.rough or level is not self.base else LAST_SEARCHES
+                targets = fit.run(level, 0.5 * reach, searches, len(self.history)) or targets
             if targets is not None:
-                self.uncertainty = (targets.points, targets.uncertainty)
+                self.uncertainty = (targets.points, fit.uncertainty(targets))
+            if resolved or self.status == 3:
+                break
+            reach = 2.5
         self.spline = fit.spline
         first = len(self.history)
         self.history.extend(replace(r, nit=first + k) for k, r in enumerate(fit.history, start=1))

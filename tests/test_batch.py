@@ -116,13 +116,15 @@ def test_messages_come_in_the_order_of_the_inputs(folder: Path, capsys: pytest.C
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupt_ends_all_workers_and_leaves_no_file(folder: Path, number: int) -> None:
     code = (
-        "import sys, fake_process, cli.main\n"
+        "import signal, sys, fake_process, cli.main\n"
         "from cli.batch import run_batch\n"
         "from cli.inputs import Input\n"
         "from cli.outputs import Target\n"
         "from cli.reporter import Reporter\n"
         "from cli.workers import in_processes\n"
         "from functools import partial\n"
+        # A shell's background job inherits that SIGINT is ignored.
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "def dispatch(command, words):\n"
         "    names = ['forever', 'a', 'forever', 'forever']\n"
         "    plan = [{'mask': Target(f'{k}.txt', '.txt', False)} for k in range(4)]\n"

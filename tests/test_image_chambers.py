@@ -120,6 +120,23 @@ def test_an_object_cut_by_the_border_is_inside() -> None:
     assert iou(two_colouring(field_of(noisy(truth, 0.05))), truth > 0.5) > 0.97
 
 
+@pytest.mark.parametrize("column", [100.0, 188.0])
+def test_a_small_spotted_object_that_is_all_wall_is_inside(column: float) -> None:
+    # Bright around a darker middle: the edges inside leave no flat place. At 188 the border cuts it.
+    def spot(r: np.ndarray, c: np.ndarray) -> np.ndarray:
+        return circle(r, c, 4.0, 100.0, column)
+
+    def middle(r: np.ndarray, c: np.ndarray) -> np.ndarray:
+        return circle(r, c, 2.0, 100.0, column)
+
+    others = coverage(lambda r, c: np.minimum(circle(r, c, 12, 40.0, 40.0), circle(r, c, 9, 150.0, 60.0)))
+    image = 0.3 * others + coverage(spot) - 0.8 * coverage(middle)
+    inside = two_colouring(field_of(noisy(image, 0.005)))
+    truth = coverage(spot) > 0.5
+    assert inside[truth].mean() > 0.6
+    assert iou(inside, truth | (others > 0.5)) > 0.9
+
+
 def test_outside_is_what_the_mask_touches() -> None:
     truth = coverage(three)
     outside = np.ones((N, N), bool)

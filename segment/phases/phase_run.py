@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion
 
 from segment.contour_fit import ContourFit
+from segment.edge_targets import EdgeSearch
 from segment.edges import detect_edges
 from segment.frame import ImageFrame
 from segment.image_data import ImageData
@@ -100,7 +101,7 @@ class PhaseRun:
 
     def _polished(self, spline: TSpline) -> TSpline:
         """The level set on the edges near it, from the coarsest level to the full image."""
-        fit = ContourFit(self.frame, spline, self._told, self.max_depth)
+        fit = ContourFit(self.frame, spline, EdgeSearch(self.frame.shape), self._told, self.max_depth)
         targets = None
         for k, level in enumerate(reversed(self.levels)):
             if self.status == 3:
@@ -110,7 +111,7 @@ class PhaseRun:
             if targets is None:
                 break
         if targets is not None:
-            self.edge_points.append((targets.points, targets.uncertainty))
+            self.edge_points.append((targets.points, fit.uncertainty(targets)))
         first = len(self.history)
         self.history.extend(replace(r, nit=first + k) for k, r in enumerate(fit.history, start=1))
         return fit.spline

@@ -1,5 +1,6 @@
 //! Log-densities of mixtures of normal distributions.
 
+use multiversion::multiversion;
 use rayon::prelude::*;
 
 /// Pixels that are worked on together: one register holds several of them.
@@ -42,33 +43,50 @@ impl Mixture<'_> {
                         }
                     }
                     for (k, log) in logs.iter_mut().enumerate() {
-                        self.part(k, &planes, log);
+                        let (from, size) = (k * channels, channels * channels);
+                        let whitening = &self.whitening[k * size..][..size];
+                        part_log(
+                            whitening,
+                            &self.centres[from..][..channels],
+                            self.constants[k],
+                            &planes,
+                            log,
+                        );
                     }
                     let total = log_sum(&logs);
                     block.copy_from_slice(&total[..block.len()]);
                 }
             });
     }
+}
 
-    fn part(&self, k: usize, planes: &[[f32; BLOCK]], log: &mut [f32; BLOCK]) {
-        let channels = self.channels;
-        *log = [self.constants[k]; BLOCK];
-        for i in 0..channels {
-            let row = &self.whitening[(k * channels + i) * channels..][..=i];
-            let mut away = [-self.centres[k * channels + i]; BLOCK];
-            for (weight, plane) in row.iter().zip(planes) {
-                for (a, v) in away.iter_mut().zip(plane) {
-                    *a += weight * v;
-                }
+/// log p of one part.
+#[multiversion(targets("x86_64+avx+avx2"))]
+fn part_log(
+    whitening: &[f32],
+    centre: &[f32],
+    constant: f32,
+    planes: &[[f32; BLOCK]],
+    log: &mut [f32; BLOCK],
+) {
+    let channels = planes.len();
+    *log = [constant; BLOCK];
+    for i in 0..channels {
+        let row = &whitening[i * channels..][..=i];
+        let mut away = [-centre[i]; BLOCK];
+        for (weight, plane) in row.iter().zip(planes) {
+            for (a, v) in away.iter_mut().zip(plane) {
+                *a += weight * v;
             }
-            for (l, a) in log.iter_mut().zip(&away) {
-                *l -= 0.5 * a * a;
-            }
+        }
+        for (l, a) in log.iter_mut().zip(&away) {
+            *l -= 0.5 * a * a;
         }
     }
 }
 
 /// log sum exp over the parts.
+#[multiversion(targets("x86_64+avx+avx2"))]
 fn log_sum(logs: &[[f32; BLOCK]]) -> [f32; BLOCK] {
     let mut most = logs[0];
     for log in &logs[1..] {
@@ -92,6 +110,7 @@ fn log_sum(logs: &[[f32; BLOCK]]) -> [f32; BLOCK] {
 }
 
 /// e^x for x <= 0 to a relative error of 3e-7, without a branch so that loops of it become vector code; 0 below -87.
+#[inline(always)]
 fn exp(x: f32) -> f32 {
     let scaled = x.max(-87.0) * std::f32::consts::LOG2_E;
     let whole = scaled.floor();

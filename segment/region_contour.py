@@ -39,7 +39,8 @@ class RegionContour:
     start : Start
         Strokes, region of interest and seeds.
     statistics : str
-        One of `STATISTICS`, or "auto": means of grey images, mixtures of all others.
+        One of `STATISTICS`, or "auto": means of grey images, normal distributions of all others. While a contour is far
+        away, mixtures find a part of the background inside of it and hold on to that.
 
     Attributes
     ----------
@@ -51,7 +52,7 @@ class RegionContour:
         self.level, self.start = level, start
         chosen = statistics
         if statistics == "auto":
-            chosen = "means" if level.channels.shape[-1] == 1 else "mixture"
+            chosen = "means" if level.channels.shape[-1] == 1 else "gaussian"
         scale = float(level.scale)
         self._known = start.known(level.shape)
         self.speed = RegionSpeed(

@@ -94,7 +94,8 @@ class TMesh:
         wanted = np.asarray(levels)
         require(wanted.shape in ((), (len(unit),)), "levels", f"shape {wanted.shape}", f"() or ({len(unit)},)")
         whole = wanted.dtype.kind in "iu" and bool(((wanted >= 0) & (wanted <= MAX_LEVEL)).all())
-        require(whole, "levels", str(wanted)[:60], f"whole numbers from 0 to {MAX_LEVEL}")
+        if not whole:
+            raise InvalidArgumentError("levels", str(wanted)[:60], f"whole numbers from 0 to {MAX_LEVEL}")
         require(0 <= pad <= TREE_SIDE, "pad", pad, f"0 to {TREE_SIDE}")
         deepest = 12 if root.dim == 2 else 8
         require(0 <= base <= deepest, "base", base, f"0 to {deepest}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from segment.choice import edges_suffice
+from segment.choice import LIMIT, edges_suffice, unexplained
 from segment.edges import EdgeField
 from segment.pyramid import PyramidLevel
 from segment.region_start import Found, RegionStart
@@ -40,8 +40,10 @@ def beginning(
             edges_suffice(edges, inside, box, start.domain(coarse.shape)) and (inside.any() or not wanted)
         ):
             return Found(inside, coarse)
-    if statistics == "auto" and not start.has_place and field_of_view(coarse) is not None:
-        # The strongest edge is the frame's, and inside it light is uneven.
-        statistics = "local"
+    if statistics == "auto" and not start.has_place:
+        view = field_of_view(coarse)
+        if view is not None and unexplained(edges, view, None) > LIMIT:
+            # The strongest edge is the frame's, not an object's, and inside it light is uneven.
+            statistics = "local"
     found = RegionStart(levels, start, statistics).find()
     return replace(found, inside=start.heeded(found.inside, found.level))

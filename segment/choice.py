@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from segment.edges import EdgeField
 
-__all__ = ["edges_suffice", "unexplained"]
+__all__ = ["LIMIT", "edges_suffice", "unexplained"]
 
 BoolArray = NDArray[np.bool_]
 

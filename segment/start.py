@@ -41,8 +41,8 @@ class Start:
         Places (row, col) inside objects.
     roi : ndarray of bool or None
         Region of interest: outside it nothing is object.
-    strokes : ndarray of int8 or None
-        1 on strokes over objects, -1 on strokes over the background, 0 elsewhere.
+    strokes : ndarray of int32 or None
+        Numbers above 0 on strokes over objects, -1 on strokes over the background, 0 elsewhere.
     boxed : bool
         Whether the region was given as a box, which always encloses its objects.
     """
@@ -51,7 +51,7 @@ class Start:
     region: BoolArray | None
     seeds: NDArray[np.float64] | None
     roi: BoolArray | None
-    strokes: NDArray[np.int8] | None = None
+    strokes: NDArray[np.int32] | None = None
     boxed: bool = False
 
     @classmethod
@@ -80,6 +80,11 @@ class Start:
     def has_place(self) -> bool:
         """Whether anything tells where the objects are."""
         return self.region is not None or self.seeds is not None or self.strokes is not None
+
+    @property
+    def marks(self) -> NDArray[np.generic] | None:
+        """What numbers objects that touch: strokes over objects, or seeds; None where there are none."""
+        return self.strokes if self.strokes is not None and (self.strokes > 0).any() else self.seeds
 
     def outside(self, shape: tuple[int, int]) -> BoolArray | None:
         """What encloses the objects for sure, at a level of the given shape; None when nothing does.
@@ -120,7 +125,7 @@ class Start:
         result = np.zeros(shape, np.int8)
         factor = np.array(shape) / np.array(self.strokes.shape)
         for sign in (1, -1):
-            at = np.argwhere(self.strokes == sign)
+            at = np.argwhere(np.sign(self.strokes) == sign)
             rows, columns = np.minimum((at * factor).astype(np.int64), np.array(shape) - 1).T
             result[rows, columns] = sign
         return result
@@ -186,6 +191,10 @@ def _shrunk(mask: BoolArray, shape: tuple[int, int]) -> BoolArray:
         return mask
     small = cv2.resize(mask.astype(np.uint8) * 255, (shape[1], shape[0]), interpolation=cv2.INTER_AREA)
     shrunk: BoolArray = small > 127
+    if not shrunk.any():
+        # What is narrower than a pixel of the level still has a place on it.
+        at = np.argwhere(mask) * shape // np.array(mask.shape)
+        shrunk[tuple(at.T)] = True
     return shrunk
 
 
@@ -215,12 +224,12 @@ def _box(shape: tuple[int, int], values: NDArray[Any]) -> BoolArray:
     return box
 
 
-def _seeds(shape: tuple[int, int], seeds: ArrayLike) -> tuple[NDArray[np.float64] | None, NDArray[np.int8] | None]:
+def _seeds(shape: tuple[int, int], seeds: ArrayLike) -> tuple[NDArray[np.float64] | None, NDArray[np.int32] | None]:
     """Places, or strokes: an integer image of the image's own shape."""
     values = np.asarray(seeds) if not isinstance(seeds, str) else None
     if values is None or values.shape != shape or values.dtype.kind not in "iub":
         return _places(shape, seeds), None
-    strokes = np.sign(values.astype(np.int64)).astype(np.int8)
+    strokes = np.clip(values, -1 if values.dtype.kind == "i" else 0, np.iinfo(np.int32).max).astype(np.int32)
     require(bool((strokes != 0).any()), "seeds", "strokes that are all 0", "strokes with a pixel above or below 0")
     return None, strokes
 

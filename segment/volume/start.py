@@ -54,11 +54,12 @@ class VolumeStart:
             strokes = np.asarray(seeds)
             if strokes.shape == shape:
                 inside, known = _strokes(strokes)
-                outside = known if outside is None else outside | (known & ~inside)
-                places = inside
+                outside = known if outside is None else outside | known
+                places = inside = inside if inside.any() else None
             else:
                 places = _places(shape, seeds)
-            hint = places if hint is None else hint & places if (hint & places).any() else places
+            if places is not None:
+                hint = places if hint is None or not (hint & places).any() else hint & places
         if inside is not None and outside is not None:
             inside = inside & ~outside
         return cls(hint, places, inside, outside)
@@ -106,8 +107,8 @@ def _strokes(strokes: NDArray[Any]) -> tuple[BoolArray, BoolArray]:
     accepted = "whole numbers: > 0 object, < 0 background, 0 unknown"
     require(whole, "seeds", f"an array of dtype {strokes.dtype} of the volume's shape", accepted)
     inside: BoolArray = strokes > 0
-    require(bool(inside.any()), "seeds", "strokes without an object", accepted)
     outside: BoolArray = strokes < 0
+    require(bool((inside | outside).any()), "seeds", "strokes that are all 0", accepted)
     return inside, outside
 
 

@@ -121,7 +121,8 @@ def segment_image(
         foreground.
     separate : bool
         Keep touching objects apart: they are cut at necks narrower than 0.65 times the narrower of the parts that a
-        neck joins, and along valleys of brightness. With seeds each seed is one object.
+        neck joins, and along valleys of brightness. With seeds each seed is one object; of strokes each number, or
+        each connected stroke where all have the same.
 
     Returns
     -------

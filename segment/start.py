@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from segment.chambers import two_colouring
 from segment.edges import EdgeField
+from segment.image_data import even_array
 from segment.pyramid import PyramidLevel
 from segment.raster import depth
 from tspline.errors import InvalidArgumentError, require
@@ -25,6 +26,8 @@ BoolArray = NDArray[np.bool_]
 
 #: Share of the start region that the chambers must keep; below that the region was no enclosure of objects.
 LEAST_SHARE = 0.02
+
+SEEDS = "(k, 2) numbers (row, col), or an integer image of strokes"
 
 
 @dataclass(frozen=True)
@@ -64,7 +67,7 @@ class Start:
             accepted = "'auto', 'circle', 'box', a box (r0, c0, r1, c1) or a mask"
             require(word in ("auto", "circle", "box"), "init", repr(init), accepted)
             return cls(word, None, places, interest, strokes)
-        values = np.asarray(init)
+        values = even_array("init", init, "a box (r0, c0, r1, c1) or a mask")
         if values.shape == (4,):
             return cls("region", _box(shape, values), places, interest, strokes, boxed=True)
         region = _mask(shape, init, "init")
@@ -199,7 +202,7 @@ def _shrunk(mask: BoolArray, shape: tuple[int, int]) -> BoolArray:
 
 
 def _mask(shape: tuple[int, int], value: ArrayLike, name: str) -> BoolArray:
-    array = np.asarray(value)
+    array = even_array(name, value, f"a mask of shape {shape}")
     if array.shape != shape or array.dtype.kind not in "biuf":
         raise InvalidArgumentError(name, f"{array.dtype} array of shape {array.shape}", f"a mask of shape {shape}")
     mask: BoolArray = array != 0
@@ -226,7 +229,7 @@ def _box(shape: tuple[int, int], values: NDArray[Any]) -> BoolArray:
 
 def _seeds(shape: tuple[int, int], seeds: ArrayLike) -> tuple[NDArray[np.float64] | None, NDArray[np.int32] | None]:
     """Places, or strokes: an integer image of the image's own shape."""
-    values = np.asarray(seeds) if not isinstance(seeds, str) else None
+    values = None if isinstance(seeds, str) else even_array("seeds", seeds, SEEDS)
     if values is None or values.shape != shape or values.dtype.kind not in "iub":
         return _places(shape, seeds), None
     strokes = np.clip(values, -1 if values.dtype.kind == "i" else 0, np.iinfo(np.int32).max).astype(np.int32)
@@ -238,9 +241,7 @@ def _places(shape: tuple[int, int], seeds: ArrayLike) -> NDArray[np.float64]:
     try:
         places = np.atleast_2d(np.asarray(seeds, dtype=np.float64))
     except (TypeError, ValueError):
-        raise InvalidArgumentError(
-            "seeds", repr(seeds)[:60], "(k, 2) numbers (row, col), or an integer image of strokes"
-        ) from None
+        raise InvalidArgumentError("seeds", repr(seeds)[:60], SEEDS) from None
     require(
         places.ndim == 2 and places.shape[1] == 2 and len(places) > 0,
         "seeds",

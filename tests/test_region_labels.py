@@ -258,6 +258,9 @@ def test_seventeen_channels_are_refused() -> None:
         ({"model": "region"}, "model: found 'region'; accepted is 'auto', 'edges' or 'regions'"),
         ({"seeds": np.zeros((N, N), int)}, "seeds: found strokes that are all 0"),
         ({"seeds": np.zeros((N, N, 1), int)}, "seeds: found shape"),
+        ({"seeds": [[1], [2, 3]]}, "seeds: found a ragged sequence"),
+        ({"init": [[1], [1, 0]]}, "init: found a ragged sequence"),
+        ({"roi": [[1], [1, 0]]}, "roi: found a ragged sequence"),
     ],
 )
 def test_unusable_settings_are_refused(options: dict[str, Any], found: str) -> None:

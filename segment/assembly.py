@@ -31,7 +31,7 @@ CUT = 0.5
 MESSAGES = {
     0: "converged",
     1: "the step limit was reached before the contour came to rest",
-    2: "nothing found: no closed edge inside the start region",
+    2: "nothing found: no closed edge inside the start region, or no region that differs from the rest",
     3: "stopped by the callback",
 }
 

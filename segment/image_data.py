@@ -145,12 +145,17 @@ def estimate_noise(channels: NDArray[np.float32]) -> NDArray[np.float64]:
     return np.where(deviation < 1e-6, 0.0, deviation).astype(np.float64)
 
 
+def even_array(name: str, value: ArrayLike, accepted: str) -> NDArray[Any]:
+    """The argument `name` as an array; rows of different lengths are refused."""
+    try:
+        return np.asarray(value)
+    except ValueError as error:
+        raise InvalidArgumentError(name, f"a ragged sequence ({error})", accepted) from error
+
+
 def numeric_array(image: ArrayLike, accepted: str = ACCEPTED) -> NDArray[Any]:
     """The image as an array of numbers, bools as 0 and 1; `accepted` is told where it is none."""
-    try:
-        array = np.asarray(image)
-    except ValueError as error:
-        raise InvalidArgumentError("image", f"a ragged sequence ({error})", accepted) from error
+    array = even_array("image", image, accepted)
     require(array.dtype.kind in "biuf", "image", f"an array of dtype {array.dtype}", accepted)
     require(array.size > 0, "image", f"an empty array of shape {array.shape}", accepted)
     if array.dtype.kind == "b":

@@ -177,11 +177,14 @@ class _Case:
                 return cls((_ellipse(region, sum(ELLIPSES) / len(ELLIPSES)),), known, domain, chosen, TEXTURED)
             ellipses = tuple(_ellipse(region, axis) for axis in ELLIPSES)
             return cls((*ellipses, _unlike(level, region, domain)), known, domain, chosen, TEXTURED)
+        if region is not None and region.all():
+            region = None
         if region is None and start.strokes is not None:
             region = start.shrunk_strokes(shape) > 0
         if region is None and start.seeds is not None:
             region = _discs(level, start.seeds)
-        if region is not None:
+        # Strokes over the background alone tell of no object, a region without an outside tells of no background.
+        if region is not None and region.any() and not region.all():
             return cls._of_region(level, region, known, domain, statistics)
         return cls._of_nothing(level, known, domain, statistics)
 

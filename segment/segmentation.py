@@ -112,15 +112,17 @@ def segment_image(
     statistics : str
         How regions are described; naming them means `model="regions"`. "means": two mean colours and one spread (Chan
         and Vese). "gaussian": means and covariances. "histogram": of up to three channels jointly. "mixture": five
-        normal distributions a side, as in GrabCut. "local": two means under uneven light. "auto": what suits the start
-        and the channels. With `phases` "auto", "means", "gaussian" or "local".
+        normal distributions a side, as in GrabCut. "local": two means under uneven light; where nothing tells of a
+        place, what is thinner than a 40th of the longer side. "auto": what suits the start and the channels. With
+        `phases` "auto", "means", "gaussian" or "local".
     phases : int, optional
         Number of classes, 2 to 8: the image is parted into that many by brightness or colour, each class with a level
         set of its own; see `SegmentResult.classes`. The class of most of the border is background, all others are
         foreground.
     separate : bool
         Keep touching objects apart: they are cut at necks narrower than 0.65 times the narrower of the parts that a
-        neck joins, and along valleys of brightness. With seeds each seed is one object.
+        neck joins, and along valleys of brightness. With seeds each seed is one object; of strokes each number, or
+        each connected stroke where all have the same.
 
     Returns
     -------
@@ -164,7 +166,7 @@ def segment_image(
     if squares is not None:
         data, start = squares.resampled(data), squares.start(start)
     side = min(data.spacing)
-    separation = Separation(data.channels, start.seeds) if separate else None
+    separation = Separation(data.channels, start.marks) if separate else None
     if phases is not None:
         require(solver == "tspline", "solver", repr(solver), "'tspline' with phases")
         require(model != "edges", "model", repr(model), "'auto' or 'regions' with phases")

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from segment.chambers import two_colouring
 from segment.edges import EdgeField
+from segment.image_data import even_array
 from segment.pyramid import PyramidLevel
 from segment.raster import depth
 from tspline.errors import InvalidArgumentError, require
@@ -25,6 +26,8 @@ BoolArray = NDArray[np.bool_]
 
 #: Share of the start region that the chambers must keep; below that the region was no enclosure of objects.
 LEAST_SHARE = 0.02
+
+SEEDS = "(k, 2) numbers (row, col), or an integer image of strokes"
 
 
 @dataclass(frozen=True)
@@ -41,8 +44,8 @@ class Start:
         Places (row, col) inside objects.
     roi : ndarray of bool or None
         Region of interest: outside it nothing is object.
-    strokes : ndarray of int8 or None
-        1 on strokes over objects, -1 on strokes over the background, 0 elsewhere.
+    strokes : ndarray of int32 or None
+        Numbers above 0 on strokes over objects, -1 on strokes over the background, 0 elsewhere.
     boxed : bool
         Whether the region was given as a box, which always encloses its objects.
     """
@@ -51,7 +54,7 @@ class Start:
     region: BoolArray | None
     seeds: NDArray[np.float64] | None
     roi: BoolArray | None
-    strokes: NDArray[np.int8] | None = None
+    strokes: NDArray[np.int32] | None = None
     boxed: bool = False
 
     @classmethod
@@ -64,7 +67,7 @@ class Start:
             accepted = "'auto', 'circle', 'box', a box (r0, c0, r1, c1) or a mask"
             require(word in ("auto", "circle", "box"), "init", repr(init), accepted)
             return cls(word, None, places, interest, strokes)
-        values = np.asarray(init)
+        values = even_array("init", init, "a box (r0, c0, r1, c1) or a mask")
         if values.shape == (4,):
             return cls("region", _box(shape, values), places, interest, strokes, boxed=True)
         region = _mask(shape, init, "init")
@@ -80,6 +83,11 @@ class Start:
     def has_place(self) -> bool:
         """Whether anything tells where the objects are."""
         return self.region is not None or self.seeds is not None or self.strokes is not None
+
+    @property
+    def marks(self) -> NDArray[np.generic] | None:
+        """What numbers objects that touch: strokes over objects, or seeds; None where there are none."""
+        return self.strokes if self.strokes is not None and (self.strokes > 0).any() else self.seeds
 
     def outside(self, shape: tuple[int, int]) -> BoolArray | None:
         """What encloses the objects for sure, at a level of the given shape; None when nothing does.
@@ -120,7 +128,7 @@ class Start:
         result = np.zeros(shape, np.int8)
         factor = np.array(shape) / np.array(self.strokes.shape)
         for sign in (1, -1):
-            at = np.argwhere(self.strokes == sign)
+            at = np.argwhere(np.sign(self.strokes) == sign)
             rows, columns = np.minimum((at * factor).astype(np.int64), np.array(shape) - 1).T
             result[rows, columns] = sign
         return result
@@ -186,11 +194,15 @@ def _shrunk(mask: BoolArray, shape: tuple[int, int]) -> BoolArray:
         return mask
     small = cv2.resize(mask.astype(np.uint8) * 255, (shape[1], shape[0]), interpolation=cv2.INTER_AREA)
     shrunk: BoolArray = small > 127
+    if not shrunk.any():
+        # What is narrower than a pixel of the level still has a place on it.
+        at = np.argwhere(mask) * shape // np.array(mask.shape)
+        shrunk[tuple(at.T)] = True
     return shrunk
 
 
 def _mask(shape: tuple[int, int], value: ArrayLike, name: str) -> BoolArray:
-    array = np.asarray(value)
+    array = even_array(name, value, f"a mask of shape {shape}")
     if array.shape != shape or array.dtype.kind not in "biuf":
         raise InvalidArgumentError(name, f"{array.dtype} array of shape {array.shape}", f"a mask of shape {shape}")
     mask: BoolArray = array != 0
@@ -215,12 +227,12 @@ def _box(shape: tuple[int, int], values: NDArray[Any]) -> BoolArray:
     return box
 
 
-def _seeds(shape: tuple[int, int], seeds: ArrayLike) -> tuple[NDArray[np.float64] | None, NDArray[np.int8] | None]:
+def _seeds(shape: tuple[int, int], seeds: ArrayLike) -> tuple[NDArray[np.float64] | None, NDArray[np.int32] | None]:
     """Places, or strokes: an integer image of the image's own shape."""
-    values = np.asarray(seeds) if not isinstance(seeds, str) else None
+    values = None if isinstance(seeds, str) else even_array("seeds", seeds, SEEDS)
     if values is None or values.shape != shape or values.dtype.kind not in "iub":
         return _places(shape, seeds), None
-    strokes = np.sign(values.astype(np.int64)).astype(np.int8)
+    strokes = np.clip(values, -1 if values.dtype.kind == "i" else 0, np.iinfo(np.int32).max).astype(np.int32)
     require(bool((strokes != 0).any()), "seeds", "strokes that are all 0", "strokes with a pixel above or below 0")
     return None, strokes
 
@@ -229,9 +241,7 @@ def _places(shape: tuple[int, int], seeds: ArrayLike) -> NDArray[np.float64]:
     try:
         places = np.atleast_2d(np.asarray(seeds, dtype=np.float64))
     except (TypeError, ValueError):
-        raise InvalidArgumentError(
-            "seeds", repr(seeds)[:60], "(k, 2) numbers (row, col), or an integer image of strokes"
-        ) from None
+        raise InvalidArgumentError("seeds", repr(seeds)[:60], SEEDS) from None
     require(
         places.ndim == 2 and places.shape[1] == 2 and len(places) > 0,
         "seeds",

@@ -200,6 +200,7 @@ def test_callback_stops() -> None:
         ({"phases": 3, "statistics": "mixture"}, "statistics"),
         ({"phases": 3, "init": "circle"}, "init"),
         ({"phases": 3, "seeds": [(40, 40)]}, "seeds"),
+        ({"phases": 3, "seeds": np.eye(len(DISCS), DISCS.shape[1], dtype=int)}, "seeds"),
         ({"phases": 3, "solver": "grid"}, "solver"),
         ({"phases": 3, "model": "edges"}, "model"),
     ],

@@ -172,6 +172,37 @@ def test_strokes_are_heeded(solver: str) -> None:
     assert iou(found.mask, (two < 0) & (ROWS + COLUMNS < N)) > 0.9
 
 
+@pytest.mark.parametrize("solver", ["tspline", "grid"])
+@pytest.mark.parametrize("statistics", ["means", "gaussian"])
+def test_what_tells_of_one_side_alone_is_no_start(statistics: str, solver: str) -> None:
+    strokes = np.zeros((N, N), np.int16)
+    strokes[:3] = -1
+    whole = np.ones((N, N), bool)
+    for options in ({"seeds": strokes}, {"seeds": [(46, 50)], "init": whole}):
+        found = segment_image(drawing(), statistics=statistics, solver=solver, **options)
+        assert iou(found.mask, BLOB < 0) > 0.97
+    assert not segment_image(drawing(), statistics=statistics, seeds=whole.astype(int)).success
+
+
+def test_places_narrower_than_a_pixel_of_the_coarsest_level_are_no_errors() -> None:
+    image = np.kron(drawing(noise=0.0), np.ones((8, 8))) + np.random.default_rng(0).normal(0, 0.05, (8 * N, 8 * N))
+    one = np.zeros(image.shape, bool)
+    one[370, 400] = True
+    assert iou(segment_image(image, model="regions", init=one).mask, np.kron(BLOB < 0, np.ones((8, 8), bool))) > 0.97
+    for options in (
+        {"roi": one},
+        {"roi": one, "init": "box"},
+        {"init": (370, 400, 371, 401)},
+        {"roi": one, "phases": 2},
+    ):
+        assert segment_image(image, model="regions", **options).status == 2
+
+
+def test_a_constant_channel_is_left_out_of_histograms() -> None:
+    image = np.stack([drawing(), 1 - drawing(), np.zeros((N, N))], axis=-1)
+    assert iou(segment_image(image, statistics="histogram", init=BOX).mask, BLOB < 0) > 0.95
+
+
 @pytest.mark.parametrize("model", ["auto", "edges"])
 def test_strokes_and_regions_of_interest_leave_a_drawing_to_its_edges(model: str) -> None:
     two = np.minimum(np.hypot(ROWS - 30, COLUMNS - 28) - 15, np.hypot(ROWS - 66, COLUMNS - 68) - 16)
@@ -227,6 +258,9 @@ def test_seventeen_channels_are_refused() -> None:
         ({"model": "region"}, "model: found 'region'; accepted is 'auto', 'edges' or 'regions'"),
         ({"seeds": np.zeros((N, N), int)}, "seeds: found strokes that are all 0"),
         ({"seeds": np.zeros((N, N, 1), int)}, "seeds: found shape"),
+        ({"seeds": [[1], [2, 3]]}, "seeds: found a ragged sequence"),
+        ({"init": [[1], [1, 0]]}, "init: found a ragged sequence"),
+        ({"roi": [[1], [1, 0]]}, "roi: found a ragged sequence"),
     ],
 )
 def test_unusable_settings_are_refused(options: dict[str, Any], found: str) -> None:

@@ -204,6 +204,9 @@ def test_nothing_is_found_outside_of_the_region_of_interest() -> None:
         ({"init": (0, 0, 4, 4)}, "init"),
         ({"init": (9, 0, 0, 4, 4, 4)}, "init"),
         ({"init": np.ones(SHAPE)}, "init"),
+        ({"init": [[1], [1, 0]]}, "init"),
+        ({"roi": [[1], [1, 0]]}, "roi"),
+        ({"seeds": [[1], [1, 0]]}, "seeds"),
         ({"roi": np.zeros(SHAPE)}, "roi"),
         ({"seeds": [(1, 2)]}, "seeds"),
         ({"seeds": [(1, 2, 99)]}, "seeds"),
@@ -215,6 +218,25 @@ def test_nothing_is_found_outside_of_the_region_of_interest() -> None:
 def test_bad_arguments_are_named(options: dict[str, Any], name: str) -> None:
     with pytest.raises(ValueError, match=name):
         segment_image(ball(), **options)
+
+
+def test_strokes_over_the_background_alone_are_heeded() -> None:
+    strokes = np.zeros(SHAPE, np.int8)
+    strokes[:, :, :12] = -1
+    plain, found = segment_image(ball()), segment_image(ball(), seeds=strokes)
+    assert not found.mask[strokes < 0].any()
+    assert np.array_equal(found.mask[:, :, 14:], plain.mask[:, :, 14:])
+    assert segment_image(ball(), seeds=strokes, separate=True).num_components == 1
+
+
+def test_fewer_values_than_classes_are_named() -> None:
+    with pytest.raises(ValueError, match=r"^phases: found 3; accepted is at most 2"):
+        segment_image((ball() > 0.5) * 1.0, phases=3)
+
+
+def test_nothing_is_found_where_all_is_alike() -> None:
+    roi = distance(SHAPE, (1, 1, 1), CENTER, RADIUS + 2) > 0
+    assert segment_image(ball(), roi=roi).status == 2
 
 
 @pytest.mark.parametrize(

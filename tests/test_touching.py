@@ -142,6 +142,17 @@ def test_seeds_decide_the_number(seeds: list[tuple[int, int]], count: int) -> No
     assert len({int(seg.labels[place]) for place in seeds}) == count
 
 
+@pytest.mark.parametrize("numbers", [(1, 1), (3, 7)])
+def test_strokes_decide_the_number(numbers: tuple[int, int]) -> None:
+    strokes = np.zeros((N, N), np.int16)
+    strokes[58:63, 40:45], strokes[58:63, 83:88], strokes[:4] = *numbers, -1
+    seg = segment_image(
+        noisy(coverage(union(disc(60.3, 45.2, 24.0), disc(60.3, 80.4, 24.0)))), seeds=strokes, separate=True
+    )
+    assert seg.num_components == 2
+    assert seg.labels[60, 42] != seg.labels[60, 85]
+
+
 def test_object_of_one_pixel_stays_one() -> None:
     labels = np.zeros((16, 16), np.int32)
     labels[4:12, 4:12] = 1

@@ -66,7 +66,7 @@ def segmented_into_phases(
     )
     require(statistics in STATISTICS, "statistics", repr(statistics), f"one of {STATISTICS} with phases")
     require(start.kind == "auto", "init", f"a start ({start.kind})", "None or 'auto' with phases")
-    require(start.seeds is None, "seeds", "seeds", "None with phases")
+    require(start.seeds is None and start.strokes is None, "seeds", "seeds", "None with phases")
     run = PhaseRun(data, int(phases), statistics, start.roi, max_depth or 14, callback)
     run.run()
     found = Found(run.status, run.history, run.warnings, run.uncertainty)

@@ -15,12 +15,11 @@ from segment.picture.picture import Picture
 from segment.picture.samples import checked, filled, rescaled
 from tspline.errors import FileFormatError
 
-__all__ = ["NIFTI_ENDINGS", "is_nifti", "read_nifti", "write_nifti"]
+__all__ = ["is_nifti", "read_nifti", "write_nifti"]
 
 AnyArray = npt.NDArray[np.generic]
 FloatArray = npt.NDArray[np.float64]
 
-NIFTI_ENDINGS = (".nii", ".nii.gz")
 ACCEPTED = "a complete NIfTI file (.nii or .nii.gz)"
 
 _UNITS = {"mm": "mm", "meter": "m", "micron": "um"}

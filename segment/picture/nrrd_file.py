@@ -19,11 +19,10 @@ from segment.picture.picture import Picture
 from segment.picture.samples import checked, filled
 from tspline.errors import FileFormatError
 
-__all__ = ["NRRD_ENDINGS", "is_nrrd", "read_nrrd", "write_nrrd"]
+__all__ = ["is_nrrd", "read_nrrd", "write_nrrd"]
 
 AnyArray = npt.NDArray[np.generic]
 
-NRRD_ENDINGS = (".nrrd", ".nhdr")
 ACCEPTED = "a complete NRRD file (.nrrd, or .nhdr with its data beside it)"
 
 _MAX_HEADER = 1 << 20

@@ -40,7 +40,8 @@ class HistogramRegions:
         low, high = pixels.values.min(axis=0), pixels.values.max(axis=0)
         step = np.maximum((high - low) / bins, 1e-12)
         index = np.minimum(((pixels.values - low) / step).astype(np.int32), bins - 1)
-        width = np.maximum(WIDTH[count if joint else 1], pixels.floor / step)
+        # Wider than all bins is no different, and a channel that is constant has no width in its bins.
+        width = np.clip(pixels.floor / step, WIDTH[count if joint else 1], bins)
         if joint:
             self._groups = [(np.ravel_multi_index(tuple(index.T), (bins,) * count), (bins,) * count, tuple(width))]
         else:

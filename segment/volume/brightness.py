@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from tspline.errors import require
+
 __all__ = ["BrightnessClasses"]
 
 FloatArray = NDArray[np.float64]
@@ -129,6 +131,13 @@ class Histogram:
         if high - low < 1e-3 * float(np.ptp(light)):
             low, high = float(light.min()), float(light.max())
         whole, edges = np.histogram(light, BINS, (low, high))
+        if np.count_nonzero(whole) < 2:
+            # Between the quantiles lies one value only.
+            whole, edges = np.histogram(light, BINS)
+        distinct = int(np.count_nonzero(whole))
+        require(
+            distinct >= (number or 2), "phases", str(number), f"at most {distinct}, the different values of the volume"
+        )
         counts, centres = whole.astype(np.float64), 0.5 * (edges[1:] + edges[:-1])
         peaks, valleys = _modes(counts, MOST_MODES if number is None else number)
         if len(peaks) >= 2 and number in (None, len(peaks)):

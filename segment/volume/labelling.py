@@ -79,7 +79,10 @@ def labelled(data: VolumeData, start: VolumeStart, statistics: str, phases: int 
     """
     relaxation = Relaxation(data, start)
     heard = start.heard(data.shape)
-    classes = BrightnessClasses.found(data.channels[heard], phases)
+    values = data.channels[heard]
+    if phases is None and (values == values[0]).all():
+        return Labelling(np.zeros(data.shape, bool), np.full(data.shape, -1.0, np.float32))
+    classes = BrightnessClasses.found(values, phases)
     log = classes.log_density(data.channels.reshape(-1, data.channels.shape[-1]))
     densities = np.ascontiguousarray(log.T.reshape(classes.number, *data.shape), dtype=np.float32)
     parts = densities.argmax(axis=0)

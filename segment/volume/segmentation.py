@@ -70,7 +70,7 @@ def segment_volume(
     run.tell(level_set)
     mask = _inside(level_set, data)
     if options.separate:
-        labels = Separation(data.channels, None if seeds is None else np.asarray(seeds)).numbered(mask)
+        labels = Separation(data.channels, None if start.seeds is None else np.asarray(seeds)).numbered(mask)
         count = int(labels.max())
     else:
         labels, count = label(mask, np.ones((3, 3, 3)), output=np.int32)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import label
 
+from segment.image_data import even_array
 from tspline.errors import InvalidArgumentError, require
 
 __all__ = ["VolumeStart"]
@@ -44,21 +45,22 @@ class VolumeStart:
         if init is None or isinstance(init, str):
             accepted = "'auto', 'circle', 'box', a box (p0, r0, c0, p1, r1, c1) or a mask"
             require(init in (None, "auto", "circle", "box"), "init", repr(init), accepted)
-        elif np.shape(init) == (6,):
-            hint = _box(shape, np.asarray(init))
+        elif (values := even_array("init", init, "a box (p0, r0, c0, p1, r1, c1) or a mask")).shape == (6,):
+            hint = _box(shape, values)
             outside = ~hint if outside is None else outside | ~hint
         else:
-            hint = _mask(shape, init, "init")
+            hint = _mask(shape, values, "init")
             require(not hint.all(), "init", "a mask of the whole volume", "a mask with an outside")
         if seeds is not None:
-            strokes = np.asarray(seeds)
+            strokes = even_array("seeds", seeds, "(k, 3) numbers (plane, row, col), or strokes")
             if strokes.shape == shape:
                 inside, known = _strokes(strokes)
-                outside = known if outside is None else outside | (known & ~inside)
-                places = inside
+                outside = known if outside is None else outside | known
+                places = inside = inside if inside.any() else None
             else:
                 places = _places(shape, seeds)
-            hint = places if hint is None else hint & places if (hint & places).any() else places
+            if places is not None:
+                hint = places if hint is None or not (hint & places).any() else hint & places
         if inside is not None and outside is not None:
             inside = inside & ~outside
         return cls(hint, places, inside, outside)
@@ -106,8 +108,8 @@ def _strokes(strokes: NDArray[Any]) -> tuple[BoolArray, BoolArray]:
     accepted = "whole numbers: > 0 object, < 0 background, 0 unknown"
     require(whole, "seeds", f"an array of dtype {strokes.dtype} of the volume's shape", accepted)
     inside: BoolArray = strokes > 0
-    require(bool(inside.any()), "seeds", "strokes without an object", accepted)
     outside: BoolArray = strokes < 0
+    require(bool((inside | outside).any()), "seeds", "strokes that are all 0", accepted)
     return inside, outside
 
 
@@ -127,7 +129,7 @@ def _places(shape: Shape, seeds: ArrayLike) -> BoolArray:
 
 
 def _mask(shape: Shape, value: ArrayLike, name: str) -> BoolArray:
-    array = np.asarray(value)
+    array = even_array(name, value, f"a mask of shape {shape}")
     if array.shape != shape or array.dtype.kind not in "biuf":
         raise InvalidArgumentError(name, f"{array.dtype} array of shape {array.shape}", f"a mask of shape {shape}")
     mask: BoolArray = array != 0

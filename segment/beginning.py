@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from segment.choice import LIMIT, edges_suffice, unexplained
+from segment.choice import edges_suffice, through_an_eyepiece
 from segment.edges import EdgeField
 from segment.pyramid import PyramidLevel
 from segment.region_start import Found, RegionStart
@@ -40,10 +40,9 @@ def beginning(
             edges_suffice(edges, inside, box, start.domain(coarse.shape)) and (inside.any() or not wanted)
         ):
             return Found(inside, coarse)
-    if statistics == "auto" and not start.has_place:
-        view = field_of_view(coarse)
-        if view is not None and unexplained(edges, view, None) > LIMIT:
-            # The strongest edge is the frame's, not an object's, and inside it light is uneven.
-            statistics = "local"
-    found = RegionStart(levels, start, statistics).find()
+    eyepiece = False
+    if statistics in ("auto", "local") and not start.has_place:
+        # The strongest edge is the frame's, not an object's, and inside it light is uneven.
+        eyepiece = through_an_eyepiece(edges, field_of_view(coarse))
+    found = RegionStart(levels, start, "local" if eyepiece else statistics, thin=eyepiece).find()
     return replace(found, inside=start.heeded(found.inside, found.level))

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from segment.edges import EdgeField
 
-__all__ = ["LIMIT", "edges_suffice", "unexplained"]
+__all__ = ["edges_suffice", "through_an_eyepiece", "unexplained"]
 
 BoolArray = NDArray[np.bool_]
 
@@ -17,6 +17,8 @@ BESIDE = 4
 #: Part of the edges' energy that may lie off the contour. Inside a box drawings leave up to 7 %, photographs 9 to 90 %.
 #: Grey images without a box have little but edges to tell the object by, and marks on it are tolerated.
 LIMIT, LIMIT_GREY = 0.08, 0.2
+#: Least part of an eyepiece's border that is an edge.
+FRAMED = 0.8
 #: Least part of a box's sides that the objects in it must span.
 LEAST_SPAN = 0.7
 
@@ -52,3 +54,13 @@ def edges_suffice(edges: EdgeField, inside: BoolArray, box: BoolArray | None, do
         if found < LEAST_SPAN * whole:
             return False
     return unexplained(edges, inside, within) <= LIMIT
+
+
+def through_an_eyepiece(edges: EdgeField, view: BoolArray | None) -> bool:
+    """Whether a view has an edge all around and edges inside that this one does not explain: no object, a frame."""
+    if view is None:
+        return False
+    ring = np.ones((3, 3), np.uint8)
+    border = cv2.morphologyEx(view.astype(np.uint8), cv2.MORPH_GRADIENT, ring).astype(bool)
+    walls = cv2.dilate(edges.wall.astype(np.uint8), ring).astype(bool)
+    return bool(border.any()) and float(walls[border].mean()) >= FRAMED and unexplained(edges, view, None) > LIMIT

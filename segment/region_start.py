@@ -80,17 +80,19 @@ class RegionStart:
         What is known.
     statistics : str
         One of `STATISTICS`, or "auto".
+    thin : bool
+        Whether to look for what is thinner than the changes of the light, such as vessels through an eyepiece.
     """
 
-    def __init__(self, levels: list[PyramidLevel], start: Start, statistics: str) -> None:
-        self.levels, self.start, self.statistics = levels, start, statistics
+    def __init__(self, levels: list[PyramidLevel], start: Start, statistics: str, *, thin: bool = False) -> None:
+        self.levels, self.start, self.statistics, self.thin = levels, start, statistics, thin
 
     def find(self) -> Found:
         """The inside, at the finest level that was labelled."""
         coarse = self.levels[-1]
         fine = next(level for level in self.levels if max(level.shape) <= FINE_SIDE or level is coarse)
-        if self.statistics == "local" and not self.start.has_place:
-            # Thin things are lost on a coarse level, and light that is uneven is what hides them.
+        if self.thin:
+            # Thin things are lost on a coarse level.
             return Found(uneven_inside(fine, self.start), fine)
         case = _Case.of(coarse, self.start, self.statistics)
         weights = length_weights(coarse.channels, *case.length)

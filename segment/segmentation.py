@@ -112,9 +112,9 @@ def segment_image(
     statistics : str
         How regions are described; naming them means `model="regions"`. "means": two mean colours and one spread (Chan
         and Vese). "gaussian": means and covariances. "histogram": of up to three channels jointly. "mixture": five
-        normal distributions a side, as in GrabCut. "local": two means under uneven light; where nothing tells of a
-        place, what is thinner than a 40th of the longer side. "auto": what suits the start and the channels. With
-        `phases` "auto", "means", "gaussian" or "local".
+        normal distributions a side, as in GrabCut. "local": two means under uneven light; through an eyepiece,
+        of which the image shows the dark frame, what is thinner than a 40th of the longer side, such as vessels.
+        "auto": what suits the start and the channels. With `phases` "auto", "means", "gaussian" or "local".
     phases : int, optional
         Number of classes, 2 to 8: the image is parted into that many by brightness or colour, each class with a level
         set of its own; see `SegmentResult.classes`. The class of most of the border is background, all others are

@@ -27,8 +27,8 @@ SMOOTHING = 1.2
 MOST = 5.0
 #: Weight of length and its fall on edges.
 LENGTH = (0.4, 1.0)
-#: Pixels along the border of what is seen that are mixed with what is not, part of the longer side.
-RIM = 1 / 160
+#: Along the border of what is seen pixels are mixed with what is not: part of the longer side, pixels at least.
+RIM, LEAST_RIM = 1 / 160, 4.0
 #: A dark frame: values below this part of the contrast that hang together with the border, and how convex the rest is.
 DARK, CONVEX, LEAST_FRAME, LEAST_VIEW = 0.12, 0.95, 0.05, 0.2
 
@@ -86,7 +86,7 @@ def field_of_view(level: PyramidLevel) -> BoolArray | None:
 
 def _filled(channels: Float32Array, domain: BoolArray) -> Float32Array:
     """What is not seen, and the mixed pixels along its border, have the values of the nearest pixel seen."""
-    away = distance_transform_edt(domain) > RIM * max(domain.shape)
+    away = distance_transform_edt(domain) > max(RIM * max(domain.shape), LEAST_RIM)
     if not away.any():
         return channels
     index = distance_transform_edt(~away, return_distances=False, return_indices=True)

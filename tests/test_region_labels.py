@@ -266,3 +266,30 @@ def test_seventeen_channels_are_refused() -> None:
 def test_unusable_settings_are_refused(options: dict[str, Any], found: str) -> None:
     with pytest.raises(ValueError, match="^" + found):
         segment_image(drawing(), **options)
+
+
+def eyepiece() -> tuple[Floats, NDArray[np.bool_]]:
+    """Dark vessels on a lit disc whose light changes by more than their contrast, in a dark frame."""
+    rows, columns = np.indices((240, 240)).astype(np.float64)
+    view = np.hypot(rows - 119.5, columns - 119.5) < 105
+    vessels = np.zeros((240, 240), bool)
+    for slope, place in ((0.4, 75.0), (-0.5, 165.0), (0.1, 135.0)):
+        vessels |= np.abs(rows - place - slope * (columns - 120) - 6 * np.sin(columns / 15)) < 1.7
+    light = 0.55 + 0.3 * (columns - 120) / 120
+    image = np.where(view, light - 0.25 * vessels, 0.02)
+    return image + np.random.default_rng(1).normal(0, 0.03, image.shape), vessels & view
+
+
+def test_vessels_are_found_through_an_eyepiece() -> None:
+    image, vessels = eyepiece()
+    found = segment_image(image, statistics="local").mask
+    assert (found & vessels).sum() > 0.7 * (found | vessels).sum()
+
+
+@pytest.mark.parametrize("radius", [9.0, 30.0])
+def test_local_statistics_find_compact_objects_too(radius: float) -> None:
+    image = drawing(np.hypot(ROWS - 46.3, COLUMNS - 49.6) - radius) + 0.2 * COLUMNS / N
+    seg = segment_image(image, statistics="local")
+    disc = np.hypot(ROWS - 46.3, COLUMNS - 49.6) < radius
+    assert seg.num_components == 1
+    assert (seg.mask & disc).sum() > 0.97 * (seg.mask | disc).sum()

@@ -11,7 +11,7 @@ from segment.regions.pixels import Pixels
 __all__ = ["WINDOW", "LocalRegions"]
 
 #: Standard deviation of the window in which the light counts as even, part of the longer side.
-WINDOW = 1 / 32
+WINDOW = 1 / 10
 #: Least weight that a window needs: what it has less of comes from the wider windows of twice the size.
 LEAST_WEIGHT = 0.05
 

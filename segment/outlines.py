@@ -45,6 +45,9 @@ class Outlines:
         for number, field in enumerate(fields):
             own = np.where(owners[labels] == number, labels, 0)
             for line in field.to_polylines():
+                # In the margin around an image nothing holds the field, and it may change its sign.
+                if _beyond(line, labels.shape):
+                    continue
                 found.append((_object_inside(line, own), is_hole(line), line))
         found.sort(key=lambda entry: entry[:2])
         return cls([line for *_, line in found], [label for label, *_ in found], [hole for _, hole, _ in found])
@@ -54,6 +57,12 @@ def is_hole(line: FloatArray) -> bool:
     """Whether a closed line (m, 2), the inside on its left, runs around an outside."""
     x, y = (line - line[0]).T
     return float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) < 0.0
+
+
+def _beyond(line: FloatArray, shape: tuple[int, ...]) -> bool:
+    """Whether a line lies outside of the image altogether, by one of its sides."""
+    low, high = line.min(axis=0), line.max(axis=0)
+    return bool((high < -0.5).any() or (low > np.array(shape) - 0.5).any())
 
 
 def _object_inside(line: FloatArray, labels: IntArray) -> int:

@@ -311,3 +311,17 @@ def test_nothing_found_is_no_object() -> None:
     seg = segment_image(noisy(np.zeros((N, N))), model="edges", separate=True)
     assert seg.num_components == 0
     assert seg.contours == []
+
+
+def test_what_lies_beyond_the_image_has_no_outline() -> None:
+    def two(points: Floats) -> Floats:
+        inner = np.linalg.norm(points - [30.0, 30.0], axis=1) - 10.0
+        return np.minimum(inner, np.linalg.norm(points - [70.0, 70.0], axis=1) - 3.0)
+
+    field = TSpline.fit(TMesh.uniform([[-10.0, -10.0], [80.0, 80.0]], 6), two)
+    assert len(field.to_polylines()) == 2
+    labels = np.zeros((64, 64), np.int32)
+    labels[30, 30] = 1
+    labels[22:39, 22:39] = 1
+    outlines = Outlines.traced([field], labels, np.zeros(2, np.int64))
+    assert (outlines.labels, outlines.holes) == ([1], [False])

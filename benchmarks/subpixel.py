@@ -148,7 +148,7 @@ def main() -> None:
     tables = {}
     if not chosen.peer_only:
         rows = [ours(data, case, size) for size in sizes for case in cases]
-        tables = {"Contours, default options": rows, "Summary": summary(rows)}
+        tables = {"Sub-pixel: contours, default options": rows, "Sub-pixel: summary": summary(rows)}
     if peer_sizes:
         tables["Peers, the best options for every image"] = [peer(data, c, s) for s in peer_sizes for c in cases]
     report.publish("subpixel", tables, chosen.json)

@@ -16,7 +16,7 @@ from segment.pyramid import PyramidLevel
 from segment.raster import depth
 from tspline.errors import InvalidArgumentError, require
 
-__all__ = ["Start", "chamber_start"]
+__all__ = ["Start", "chamber_start", "checked_mask", "shrunk"]
 
 #: Contact with the image's border over half the width from which a piece is a strip: 2 for a half disc, 4 for a
 #: quarter disc in a corner.
@@ -61,7 +61,7 @@ class Start:
     def checked(cls, shape: tuple[int, int], init: Any, seeds: ArrayLike | None, roi: ArrayLike | None) -> Start:
         """From the caller's arguments; `init` is None, a word, a box (r0, c0, r1, c1) or a mask."""
         places, strokes = (None, None) if seeds is None else _seeds(shape, seeds)
-        interest = None if roi is None else _mask(shape, roi, "roi")
+        interest = None if roi is None else checked_mask(shape, roi, "roi")
         if init is None or isinstance(init, str):
             word = "auto" if init is None else init
             accepted = "'auto', 'circle', 'box', a box (r0, c0, r1, c1) or a mask"
@@ -70,7 +70,7 @@ class Start:
         values = even_array("init", init, "a box (r0, c0, r1, c1) or a mask")
         if values.shape == (4,):
             return cls("region", _box(shape, values), places, interest, strokes, boxed=True)
-        region = _mask(shape, init, "init")
+        region = checked_mask(shape, init, "init")
         require(
             not region.all() or places is not None,
             "init",
@@ -99,28 +99,28 @@ class Start:
         known = np.zeros(shape, dtype=bool)
         for part in (self.region, self.roi):
             if part is not None:
-                known |= ~_shrunk(part, shape)
+                known |= ~shrunk(part, shape)
         return known
 
     def known(self, shape: tuple[int, int]) -> NDArray[np.int8] | None:
         """At a level: 1 where strokes say object, -1 outside a box and the region of interest; None when nothing is."""
         known = np.zeros(shape, np.int8)
         if self.boxed and self.region is not None:
-            known[~_shrunk(self.region, shape)] = -1
+            known[~shrunk(self.region, shape)] = -1
         if self.strokes is not None:
             strokes = self.shrunk_strokes(shape)
             known[strokes != 0] = strokes[strokes != 0]
         if self.roi is not None:
-            known[~_shrunk(self.roi, shape)] = -1
+            known[~shrunk(self.roi, shape)] = -1
         return known if known.any() else None
 
     def domain(self, shape: tuple[int, int]) -> BoolArray | None:
         """The region of interest at a level."""
-        return None if self.roi is None else _shrunk(self.roi, shape)
+        return None if self.roi is None else shrunk(self.roi, shape)
 
     def shrunk_region(self, shape: tuple[int, int]) -> BoolArray | None:
         """The start region at a level."""
-        return None if self.region is None else _shrunk(self.region, shape)
+        return None if self.region is None else shrunk(self.region, shape)
 
     def shrunk_strokes(self, shape: tuple[int, int]) -> NDArray[np.int8]:
         """Strokes at a level: a pixel with any of them has it; the background's win."""
@@ -137,7 +137,7 @@ class Start:
         """The part of an inside at `level` that lies in the region of interest and hangs together with a seed."""
         shape = level.shape
         if self.roi is not None:
-            inside = inside & _shrunk(self.roi, shape)
+            inside = inside & shrunk(self.roi, shape)
         if self.strokes is not None:
             strokes = self.shrunk_strokes(shape)
             inside = inside & (strokes >= 0)
@@ -156,7 +156,7 @@ def chamber_start(edges: EdgeField, start: Start) -> BoolArray:
     outside = start.outside(shape)
     inside = two_colouring(edges, outside)
     if start.region is not None:
-        region = _shrunk(start.region, shape)
+        region = shrunk(start.region, shape)
         if int(np.count_nonzero(inside & region)) < LEAST_SHARE * max(int(np.count_nonzero(region)), 1):
             # The region is no enclosure: it lies inside an object, or cuts through it. Keep what it lies on.
             inside = _touching(two_colouring(edges, None), region)
@@ -189,22 +189,26 @@ def _touching(inside: BoolArray, place: BoolArray) -> BoolArray:
     return kept
 
 
-def _shrunk(mask: BoolArray, shape: tuple[int, int]) -> BoolArray:
+def shrunk(mask: BoolArray, shape: tuple[int, int]) -> BoolArray:
+    """A mask of the full image at a level of the given shape: pixels of which it covers at least half."""
     if mask.shape == shape:
         return mask
-    small = cv2.resize(mask.astype(np.uint8) * 255, (shape[1], shape[0]), interpolation=cv2.INTER_AREA)
-    shrunk: BoolArray = small > 127
-    if not shrunk.any():
+    covered = cv2.resize(mask.astype(np.uint8) * 255, (shape[1], shape[0]), interpolation=cv2.INTER_AREA)
+    small: BoolArray = covered > 127
+    if not small.any():
         # What is narrower than a pixel of the level still has a place on it.
         at = np.argwhere(mask) * shape // np.array(mask.shape)
-        shrunk[tuple(at.T)] = True
-    return shrunk
+        small[tuple(at.T)] = True
+    return small
 
 
-def _mask(shape: tuple[int, int], value: ArrayLike, name: str) -> BoolArray:
+def checked_mask(shape: tuple[int, ...], value: ArrayLike, name: str) -> BoolArray:
+    """A caller's mask of an image or volume: what is not 0 is set."""
     array = even_array(name, value, f"a mask of shape {shape}")
     if array.shape != shape or array.dtype.kind not in "biuf":
         raise InvalidArgumentError(name, f"{array.dtype} array of shape {array.shape}", f"a mask of shape {shape}")
+    bad = int(np.count_nonzero(~np.isfinite(array))) if array.dtype.kind == "f" else 0
+    require(bad == 0, name, f"{bad} values that are NaN or infinite", "a mask of finite values")
     mask: BoolArray = array != 0
     require(bool(mask.any()), name, "an empty mask", "a mask with at least one pixel set")
     return mask

@@ -491,3 +491,11 @@ def test_depth_is_the_distance_to_the_nearest_pixel_outside() -> None:
     nearest = np.hypot(*np.moveaxis(at[:, np.newaxis] - np.argwhere(~mask), 2, 0)).min(1).reshape(mask.shape)
     np.testing.assert_allclose(depth(mask), nearest, rtol=1e-15)
     assert (depth(np.ones((4, 5), bool)) == np.inf).all()
+
+
+@pytest.mark.parametrize("name", ["init", "roi"])
+def test_masks_with_nan_are_refused(name: str) -> None:
+    mask = np.ones(DISC.shape)
+    mask[3, 4] = np.nan
+    with pytest.raises(ValueError, match=f"^{name}: found 1 values that are NaN or infinite; accepted is "):
+        segment_image(DISC, **{name: mask})

@@ -18,7 +18,7 @@ from segment.phases.labelling import labelled
 from segment.phases.partition import joined, margined_mesh
 from segment.pyramid import PyramidLevel, pyramid
 from segment.raster import mask_field
-from segment.start import _shrunk as shrunk
+from segment.start import shrunk
 from tspline import TSpline
 from tspline.evolve import EvolutionStep, StepRecord
 

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import label
 
 from segment.image_data import even_array
+from segment.start import checked_mask
 from tspline.errors import InvalidArgumentError, require
 
 __all__ = ["VolumeStart"]
@@ -40,7 +41,7 @@ class VolumeStart:
     @classmethod
     def checked(cls, shape: Shape, init: Any, seeds: ArrayLike | None, roi: ArrayLike | None) -> VolumeStart:
         """From the caller's arguments; see `segment_image`."""
-        outside = None if roi is None else ~_mask(shape, roi, "roi")
+        outside = None if roi is None else ~checked_mask(shape, roi, "roi")
         hint = inside = places = None
         if init is None or isinstance(init, str):
             accepted = "'auto', 'circle', 'box', a box (p0, r0, c0, p1, r1, c1) or a mask"
@@ -49,7 +50,7 @@ class VolumeStart:
             hint = _box(shape, values)
             outside = ~hint if outside is None else outside | ~hint
         else:
-            hint = _mask(shape, values, "init")
+            hint = checked_mask(shape, values, "init")
             require(not hint.all(), "init", "a mask of the whole volume", "a mask with an outside")
         if seeds is not None:
             strokes = even_array("seeds", seeds, "(k, 3) numbers (plane, row, col), or strokes")
@@ -126,15 +127,6 @@ def _places(shape: Shape, seeds: ArrayLike) -> BoolArray:
     at = np.clip(np.round(places).astype(np.int64), 0, np.array(shape) - 1)
     marked[tuple(at.T)] = True
     return marked
-
-
-def _mask(shape: Shape, value: ArrayLike, name: str) -> BoolArray:
-    array = even_array(name, value, f"a mask of shape {shape}")
-    if array.shape != shape or array.dtype.kind not in "biuf":
-        raise InvalidArgumentError(name, f"{array.dtype} array of shape {array.shape}", f"a mask of shape {shape}")
-    mask: BoolArray = array != 0
-    require(bool(mask.any()), name, "an empty mask", "a mask with at least one voxel set")
-    return mask
 
 
 def _box(shape: Shape, values: NDArray[Any]) -> BoolArray:

@@ -48,6 +48,13 @@ class PyramidLevel:
         """Index coordinates of the full image to those of this level."""
         return (points + 0.5) / self.scale - 0.5
 
+    def nearest(self, values: NDArray[np.float32], points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Values of this level's pixels (h, w) at points (k, 2) of the full image, those of the nearest pixel."""
+        place = np.rint(self.from_full(points)).astype(np.int64)
+        row, column = np.clip(place, 0, np.array(self.shape) - 1).T
+        found: NDArray[np.float64] = values[row, column].astype(np.float64)
+        return found
+
     def coarser(self) -> PyramidLevel:
         """The next level: the mean of each 2 x 2 block, white noise halved."""
         height, width = self.shape

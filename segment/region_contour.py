@@ -73,10 +73,7 @@ class RegionContour:
 
     def told(self, points: FloatArray) -> FloatArray:
         """The evidence of the last statistics at points (k, 2), that of the nearest pixel."""
-        place = np.rint(self.level.from_full(points)).astype(np.int64)
-        row, column = np.clip(place, 0, np.array(self.level.shape) - 1).T
-        told: FloatArray = self.speed.evidence[row, column].astype(np.float64)
-        return told
+        return self.level.nearest(self.speed.evidence, points)
 
     def carved(self, inside: BoolArray) -> BoolArray | None:
         """The inside at the level with holes cut out and pieces left out that look like the outside; None if it stays.

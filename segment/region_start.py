@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from segment.pyramid import PyramidLevel
 from segment.raster import depth
-from segment.regions import DensityRegions, RegionModel, region_model
+from segment.regions import DensityRegions, region_model
 from segment.regions.contrast import length_weights
-from segment.regions.labelling import BOUND, TOLERANCE, bounded, labelled
+from segment.regions.labelling import BOUND, TOLERANCE, bounded, estimate, labelled
 from segment.regions.mixture import mixture_of
 from segment.regions.pixels import Pixels
 from segment.start import Start
@@ -31,6 +31,10 @@ BAND = 6.0
 #: Weight of length, nats a pixel, and how it falls on edges. Textured regions have evidence that hangs together over
 #: many pixels and counts them all: long lengths make up for it. Where nothing is known small objects count.
 TEXTURED, PLAIN = (60.0, 3.0), (8.0, 1.0)
+#: The same for a region that grows in a homogeneous object.
+GROWN = (2.0, 1.0)
+#: Mean evidence beside a mask's border, nats: less than this for either side means that the border is no edge.
+BORDER = 0.5
 #: Axes of the ellipses in a box, in which the colours of its object are first looked for: the better of two labellings,
 #: as statistics and labels in turn end in the nearest local optimum.
 ELLIPSES = (0.7, 0.9)
@@ -63,10 +67,7 @@ class Found:
     def told(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """The evidence at points (k, 2) of the full image, that of the nearest pixel."""
         assert self.evidence is not None
-        place = np.rint(self.level.from_full(points)).astype(np.int64)
-        row, column = np.clip(place, 0, np.array(self.evidence.shape) - 1).T
-        told: NDArray[np.float64] = self.evidence[row, column].astype(np.float64)
-        return told
+        return self.level.nearest(self.evidence, points)
 
 
 class RegionStart:
@@ -129,16 +130,12 @@ class RegionStart:
             known[given != 0] = given[given != 0]
         model = region_model(case.statistics, fine.channels, fine.noise)
         domain = None if case.domain is None else enlarged(case.domain.astype(np.float32)) > 0.5
-        _estimate(model, start, domain)
+        estimate(model, start, domain)
         free = model.evidence()
         evidence = bounded(free, known)
         weights = length_weights(fine.channels, *case.length)
         share, _, _ = _core.relaxed_regions(evidence, weights, [1.0, 1.0], tolerance=TOLERANCE)
         return Found(share > 0.5, fine, bounded(free, given))
-
-
-def _estimate(model: RegionModel, inside: BoolArray, domain: BoolArray | None) -> None:
-    model.update(inside if domain is None else inside & domain, ~inside if domain is None else ~inside & domain)
 
 
 @dataclass(frozen=True)
@@ -201,19 +198,19 @@ class _Case:
     ) -> _Case:
         """From a mask: it encloses the object, lies inside it, or is close to it."""
         model = region_model("mixture" if statistics in ("auto", "local") else statistics, level.channels, level.noise)
-        _estimate(model, region, domain)
+        estimate(model, region, domain)
         evidence = np.clip(model.evidence(), -BOUND, BOUND)
         width = max(2, round(0.1 * float(np.sqrt(region.sum()))))
         ring = np.ones((2 * width + 1, 2 * width + 1), np.uint8)
         without = cv2.dilate(region.astype(np.uint8), ring).astype(bool) & ~region
         within = region & ~cv2.erode(region.astype(np.uint8), ring, borderValue=1).astype(bool)
-        if float(evidence[without].mean()) > -0.5:
+        if float(evidence[without].mean()) > -BORDER:
             chosen = "gaussian" if statistics == "auto" else statistics
             seeded = np.zeros(level.shape, np.int8) if known is None else known.copy()
             seeded[region] = 1
-            return cls((region,), seeded, domain, chosen, (2.0, PLAIN[1]), region)
+            return cls((region,), seeded, domain, chosen, GROWN, region)
         chosen = "mixture" if statistics == "auto" else statistics
-        if float(evidence[within].mean()) < 0.5:
+        if float(evidence[within].mean()) < BORDER:
             closed = np.zeros(level.shape, np.int8) if known is None else known.copy()
             closed[~region] = -1
             return cls((region, _unlike(level, region, domain)), closed, domain, chosen, TEXTURED)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import Protocol
 
 import numpy as np
@@ -19,7 +20,7 @@ class Density(Protocol):
         """log p at rows (n, c), shape (n,)."""
 
 
-class DensityRegions:
+class DensityRegions(ABC):
     """Each side has a density; subclasses say how it is estimated.
 
     Parameters
@@ -39,9 +40,9 @@ class DensityRegions:
         self.inside: Density | None = None
         self.outside: Density | None = None
 
+    @abstractmethod
     def estimated(self, values: NDArray[np.float64], last: Density | None) -> Density:
         """The density of rows (n, c), n > 0, which was `last` one estimate ago."""
-        raise NotImplementedError
 
     def update(self, inside: NDArray[np.bool_], outside: NDArray[np.bool_]) -> None:
         """Estimate both sides; without pixels on one of them both stay as they are."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from segment.regions.model import RegionModel
 from tspline import _core
 
-__all__ = ["Labelling", "bounded", "labelled"]
+__all__ = ["Labelling", "bounded", "estimate", "labelled"]
 
 BoolArray = NDArray[np.bool_]
 Float32Array = NDArray[np.float32]
@@ -32,20 +32,14 @@ class Labelling:
     ----------
     inside : ndarray of bool
         The object.
-    share : ndarray of float32
-        The minimiser u of the convex problem; the object is {u > 1/2}.
     evidence : ndarray of float32
         log p_in - log p_out, bounded, with what is known.
-    rounds : int
-        Estimates of the statistics.
     length : float
-        Weighted length of the contour, sum weights |grad u|, nats.
+        Weighted length of the contour, sum weights |grad u| of the minimiser u of the convex problem, nats.
     """
 
     inside: BoolArray
-    share: Float32Array
     evidence: Float32Array
-    rounds: int
     length: float
 
 
@@ -55,6 +49,11 @@ def bounded(evidence: Float32Array, known: NDArray[np.int8] | None) -> Float32Ar
     if known is not None:
         result[known != 0] = KNOWN * BOUND * known[known != 0]
     return np.ascontiguousarray(result, np.float32)
+
+
+def estimate(model: RegionModel, inside: BoolArray, domain: BoolArray | None) -> None:
+    """Estimate both sides of a labelling from its pixels in a domain, all by default."""
+    model.update(inside if domain is None else inside & domain, ~inside if domain is None else ~inside & domain)
 
 
 def labelled(
@@ -95,11 +94,8 @@ def labelled(
     inside, spacing = start, [1.0] * start.ndim
     share = start.astype(np.float32)
     evidence = np.zeros(start.shape, np.float32)
-    count = 0
-    while count < rounds:
-        count += 1
-        outside = ~inside if domain is None else ~inside & domain
-        model.update(inside if domain is None else inside & domain, outside)
+    for _ in range(rounds):
+        estimate(model, inside, domain)
         evidence = bounded(model.evidence(), known)
         share, _, _ = _core.relaxed_regions(evidence, weights, spacing, tolerance=TOLERANCE)
         now = share > 0.5 if kept is None else kept(share > 0.5)
@@ -107,7 +103,7 @@ def labelled(
         inside = now
         if changed <= 1e-4 * inside.size or not inside.any() or inside.all():
             break
-    return Labelling(inside, share, evidence, count, _length(share, weights))
+    return Labelling(inside, evidence, _length(share, weights))
 
 
 def _length(share: Float32Array, weights: Float32Array) -> float:

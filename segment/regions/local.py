@@ -12,8 +12,10 @@ __all__ = ["WINDOW", "LocalRegions"]
 
 #: Standard deviation of the window in which the light counts as even, part of the longer side.
 WINDOW = 1 / 10
-#: Least weight that a window needs: what it has less of comes from the wider windows of twice the size.
-LEAST_WEIGHT = 0.05
+#: Weight of windows four times as wide, which count where the narrow one sees nothing of what is known.
+FAR_WEIGHT = 0.05
+#: Estimates of bias and means in turn, an update.
+TURNS = 3
 
 
 class LocalRegions:
@@ -61,20 +63,9 @@ class LocalRegions:
         """Means of both sides, the bias, and the deviation that is left."""
         if not (inside.any() and outside.any()):
             return
-        known = (inside | outside).astype(np.float32)
-        # Far from all that is known the weight vanishes, and with it the bias.
-        weight = np.maximum(self._windowed(known), np.float32(1e-6))
-        for _ in range(1 if self._flat else 3):
-            a = np.array([float((plane - b)[inside].mean(dtype=np.float64)) for plane, b in self._planes()])
-            z = np.array([float((plane - b)[outside].mean(dtype=np.float64)) for plane, b in self._planes()])
-            self.inside, self.outside = a, z
-            if self._flat:
-                break
-            for k in range(self._channels.shape[-1]):
-                rest = self._channels[..., k] * known
-                rest[inside] -= np.float32(a[k])
-                rest[outside] -= np.float32(z[k])
-                self.bias[..., k] = self._windowed(rest) / weight
+        self._take_means(inside, outside)
+        if not self._flat:
+            self._take_bias(inside, outside)
         variance = np.zeros(len(self.inside))
         for k, (plane, b) in enumerate(self._planes()):
             rest = plane - b
@@ -82,6 +73,26 @@ class LocalRegions:
             without = (rest[outside] - np.float32(self.outside[k])).var(dtype=np.float64)
             variance[k] = 0.5 * (within + without)
         self.deviation = np.maximum(np.sqrt(variance), self._pixels.floor)
+
+    def _take_means(self, inside: NDArray[np.bool_], outside: NDArray[np.bool_]) -> None:
+        self.inside, self.outside = (
+            np.array([float((plane - b)[side].mean(dtype=np.float64)) for plane, b in self._planes()])
+            for side in (inside, outside)
+        )
+
+    def _take_bias(self, inside: NDArray[np.bool_], outside: NDArray[np.bool_]) -> None:
+        """The bias for the means, and the means for the bias, in turn."""
+        known = (inside | outside).astype(np.float32)
+        # Far from all that is known the weight vanishes, and with it the bias.
+        weight = np.maximum(self._windowed(known), np.float32(1e-6))
+        for turn in range(TURNS):
+            if turn:
+                self._take_means(inside, outside)
+            for k in range(self._channels.shape[-1]):
+                rest = self._channels[..., k] * known
+                rest[inside] -= np.float32(self.inside[k])
+                rest[outside] -= np.float32(self.outside[k])
+                self.bias[..., k] = self._windowed(rest) / weight
 
     def evidence(self) -> NDArray[np.float32]:
         """((I - b - c_out)^2 - (I - b - c_in)^2) / (2 s^2), summed over the channels."""
@@ -96,7 +107,7 @@ class LocalRegions:
         return [(self._channels[..., k], self.bias[..., k]) for k in range(self._channels.shape[-1])]
 
     def _windowed(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Gaussian mean; wide windows add the least weight where the narrow one sees nothing."""
+        """Gaussian mean; wide windows count where the narrow one sees nothing."""
         near = gaussian_filter(values, self.window, mode="nearest", truncate=3.0)
         far = gaussian_filter(values, 4 * self.window, mode="nearest", truncate=2.0)
-        return np.asarray(near + np.float32(LEAST_WEIGHT) * far)
+        return np.asarray(near + np.float32(FAR_WEIGHT) * far)
